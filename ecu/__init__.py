@@ -1,1 +1,1 @@
-"""The software that a vehicle installs: ECU, fail-safe, window and release runtime, without the package `wake`."""
+"""The software of the ECU in a vehicle: control steps, fail-safe and checks. It does not need the package `wake`."""

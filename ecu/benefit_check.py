@@ -29,14 +29,14 @@ from contract.sensor_layout import SAME_PLACE
 from ecu.fit import positions_of
 
 _ON_BASE: Final = "base_"
-"""Prefix of the names of sensors on a body's base."""
+"""Prefix of the sensors' names on the base of a body."""
 MOVED: Final = 0.1
-"""Change of the speed, relative to the design speed, that ends a test: a test is valid for its own speed only."""
+"""Change of the speed that ends a test, as a share of the design speed: a test is valid only for its own speed."""
 PATIENCE: Final = 6
 """Total duration of the tests after which the fault latches, as a multiple of `wake_periods`. With the default settings
 the jets are shut for 18 s in these tests; in this time the vehicle may leave a speed at which control does harm."""
 UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
-"""`BenefitCheck.resting` of a release that states none: values in Cp that are too small to replace measured values."""
+"""Value of `BenefitCheck.resting` for a release without these data: so small that only the measured values count."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,7 @@ class BenefitCheckState:
 
 
 _NOT_DRIVEN: Final[dict[str, Any]] = {"driven": 0, "suction": 0.0, "swing": 0.0, "doubt": 0}
-"""The means under control, and the doubt, before control begins."""
+"""Values of the means under control, and of the doubt, before control begins."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +95,7 @@ class BenefitCheck:
 
     @classmethod
     def of(cls, manifest: Manifest, config: BenefitCheckConfig) -> "BenefitCheck | None":
-        """Return the check of a release; None if none of its sensors is on the base, or none is mirrored."""
+        """Return the check of a release; None if it is disabled, or base sensors or mirrored sensors are missing."""
         base = tuple(place for place, name in enumerate(manifest.sensors) if name.startswith(_ON_BASE))
         pairs = mirrored_pairs(manifest)
         if not (config.enabled and base and pairs):
@@ -156,7 +156,7 @@ class BenefitCheck:
     def _tested(
         self, state: BenefitCheckState, cp: Array | None, speed: float
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Compute `next` in a test. Its means cover more cycles, since a wrong result would resume harmful control."""
+        """Compute `next` in a test. The means cover more cycles: a wrong result would let harmful control continue."""
         if cp is None:
             return state, None
         config = self.config
@@ -183,7 +183,7 @@ class BenefitCheck:
         return suction - state.suction >= config.least_gain * abs(suction) and state.swing <= config.most_swing * swing
 
     def _rested(self, state: BenefitCheckState, cp: Array, speed: float, over: int) -> BenefitCheckState:
-        """Add this period's values to the means without control; a value has the weight 1 / `over` in its mean."""
+        """Add this period's values to the means without control; the weight of the new values is 1 / `over`."""
         suction, swing = self._measured(cp, speed)
         return replace(
             state,
@@ -192,7 +192,7 @@ class BenefitCheck:
         )
 
     def _measured(self, cp: Array, speed: float) -> tuple[float, float]:
-        """Return suction and swing, divided by the release's values without jets at this speed. C uses this order."""
+        """Return suction and swing, divided by the release's values without jets. C adds in the same order."""
         base = swing = 0.0
         for place in self.base:
             base += float(cp[place])
@@ -202,7 +202,7 @@ class BenefitCheck:
         return base / len(self.base) / resting_base, swing / len(self.pairs) / resting_swing
 
     def _stated(self, speed: float) -> tuple[float, float]:
-        """Return base pressure and swing in Cp of the release's wake without jets, interpolated to this speed."""
+        """Return the base pressure and the swing in Cp of the release's wake without jets at this speed."""
         before = self.resting[0]
         for after in self.resting:
             if speed < after[0]:

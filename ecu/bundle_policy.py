@@ -13,10 +13,10 @@ from ecu.fit import check_sensors
 
 
 class BundlePolicy:
-    """A `wake.recording.episode_job.Policy`: its action is zero until the window is full, then the first action of each
-    plan. The graph shifts the plan in the memory by one step, so that its first action, which exploration has changed,
-    is not used again. `layout` has the columns of Cp in each step. Raises BundleError if the model does not load, or if
-    the plant does not have a sensor that the model reads, or has it at another position."""
+    """A `wake.recording.episode_job.Policy`. Its action is zero until the window is full, then the first action of each
+    plan. Exploration may have changed this action, but the next plan does not start from it: the graph shifts the
+    plan by one step. `layout` has the columns of Cp in each step. Raises BundleError if the model does not load, or if
+    a sensor that the model reads is missing on the plant or has another position there."""
 
     def __init__(self, bundle: Bundle, controller: Controller | None = None, layout: SensorLayout = TRUCK) -> None:
         manifest = bundle.manifest
@@ -48,5 +48,5 @@ class BundlePolicy:
 
 
 def _packed(memory: ControllerMemory) -> Array:
-    """Return a memory as an array (1 + L (S + 1) + H,): the number of rows, the window (L, S + 1), the plan (H,)."""
+    """Return a memory as a flat array: the number of rows, then the window, (L, S + 1), then the plan, (H,)."""
     return np.concatenate([[memory.rows], memory.window.ravel(), memory.plan])

@@ -45,9 +45,9 @@ def limits_of(bundle: Bundle, config: Config) -> CalibrationLimits:
 
 
 def with_calibration(config: Config, calibration: Calibration) -> Config:
-    """Return the vehicle's settings with a calibration's bounds on the jets and delay of the actuator. A bound is
-    rounded to float32, as in C. But if it then equals the rounded setting of the vehicle, the setting itself is used,
-    so that a calibration to the vehicle's own values changes no bit of the results."""
+    """Return the vehicle's settings with the jets' bounds and the actuator's delay from a calibration. A bound is
+    rounded to float32, as in C. But if the rounded bound equals the vehicle's rounded setting, the setting itself is
+    used, so that a calibration to the vehicle's own values changes no bit of the results."""
 
     def bound(value: float, own: float) -> float:
         return own if value == as_float32(own) else float(np.float32(value))

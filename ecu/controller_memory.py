@@ -1,4 +1,4 @@
-"""The controller's state from one control period to the next: window, plan and sent actions not yet in force.
+"""The controller's state from one control period to the next: window, plan, and sent actions that are not yet in force.
 
 Row k of the window is (Cp_k, a_{k-1}): the pressures of period k, and the action in force when they were sampled. The
 optimisation of period k starts from the plan of period k - 1, which the graph shifts by one step. The ECU and the
@@ -43,7 +43,7 @@ class DelayLine:
 
     @property
     def pending(self) -> tuple[float, ...]:
-        """The values that take effect in the next `delay` periods, the earliest first, (delay,)."""
+        """The values for the next `delay` periods in the order of time, shape (delay,)."""
         return self.values[1:]
 
     def pushed(self, value: float) -> Self:
@@ -67,11 +67,11 @@ class Past(ArrayValue):
 
     @staticmethod
     def empty(periods: int, sensors: int) -> "Past":
-        """Return a past without data for this number of periods."""
+        """Return a past with space for this number of periods, and without data."""
         return Past(rows=np.zeros((periods, sensors + 1)), speeds=np.zeros(periods), count=0)
 
     def with_row(self, row: Array, speed: float) -> "Past":
-        """Return the past with the row of this period, (S + 1,), and without its oldest row."""
+        """Return the past with this period's row, (S + 1,), in place of the oldest row."""
         return Past(
             rows=np.vstack([self.rows[1:], row]),
             speeds=np.append(self.speeds[1:], speed),
@@ -113,7 +113,7 @@ class ControllerMemory(ArrayValue):
     @staticmethod
     def empty(*, length: int, sensors: int, horizon: int, delay: int, past: int = 0) -> "ControllerMemory":
         """Return a memory without rows, with a plan of zeros and no jet action. The sizes are L = `length`, S =
-        `sensors`, H = `horizon` and N = `past`: 0 without a range of speeds. `delay` is in control periods."""
+        `sensors`, H = `horizon` and N = `past`, 0 for a release without a range of speeds. `delay` is in periods."""
         return ControllerMemory(
             window=np.zeros((length, sensors + 1)),
             rows=0,
@@ -130,7 +130,7 @@ class ControllerMemory(ArrayValue):
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
-        """The numbers L, S and H, and the periods of delay; equal in all of a controller's memories."""
+        """The numbers L, S and H, and the delay in periods. They are equal in all memories of a controller."""
         return len(self.window), self.window.shape[1] - 1, len(self.plan), len(self.under_way.pending)
 
     @property
@@ -139,11 +139,11 @@ class ControllerMemory(ArrayValue):
         return 1.0 if self.past is None or not self.past.count else float(self.past.speeds[-1])
 
     def observed(self, cp: Array, speed: float = 1.0) -> "ControllerMemory":
-        """Return the memory with this period's row: pressures `cp`, (S,), at `speed`, a ratio to the design speed."""
+        """Return the memory with this period's row. `cp` has shape (S,); `speed` is the ratio to the design speed."""
         return self._extended(cp, speed, gap=0)
 
     def bridged(self, longest_gap: int) -> "ControllerMemory":
-        """Repeat the last pressures for a period without pressures; a gap above `longest_gap` empties the window."""
+        """Return the memory with the last pressures repeated. A gap above `longest_gap` empties the window."""
         gap = min(self.gap, longest_gap) + 1
         if gap > longest_gap:
             return replace(self.emptied(), gap=gap)
@@ -172,16 +172,16 @@ class ControllerMemory(ArrayValue):
         return replace(self, under_way=self.under_way.pushed(action))
 
     def with_delay(self, delay: int) -> "ControllerMemory":
-        """Return the memory for another delay of the actuator, less than the horizon; call this between two periods.
+        """Return the memory for another delay of the actuator; call this between two periods.
 
-        The latest `delay` of the sent actions are then under way. Each row of the window gets the action that would
-        have been in force with the new delay; if this action is older than the window, the oldest row's action. The
-        plan is shifted, so that its action for the next period stays. `past` loses its rows.
+        `delay` is below the horizon. The latest `delay` sent actions are now under way. Each window row gets the
+        action that would have been in force with the new delay or, if this is older than the window, the oldest row's
+        action. The plan is shifted, so that its action for the next period stays the same. `past` loses its rows.
         """
         later = delay - len(self.under_way.pending)
         if not later:
             return self
-        # The actions in the window's rows and in the delay line are one series of sent actions, without a gap.
+        # The window's actions, followed by the delay line's actions, are the sent actions without a gap.
         sent = np.concatenate([self.window[:, -1], self.under_way.values])
         length, first = len(self.window), len(self.window) - self.rows
         in_force = sent[np.maximum(np.arange(length) - later, 0)]
@@ -210,7 +210,7 @@ class ControllerMemory(ArrayValue):
         pending = self.under_way.pending
         plan, free = self.plan.copy(), np.ones(len(self.plan))
         # The graph shifts the plan by one step. The first actions of the shifted plan must be the actions that were
-        # sent and are not yet in force, even if the gate, the mode HOLD or rounding changed them after planning.
+        # sent and are not yet in force; the gate, the mode HOLD or rounding may have changed these after planning.
         plan[1 : 1 + len(pending)] = np.array(pending) / self.speed
         free[: len(pending)] = 0.0
         try:

@@ -88,7 +88,7 @@ class Ecu:
         ).authenticated(authentication, self._messages)
         self._state = start
         self.restore(start)
-        # The graph has the cost weights of its export; the manifest of a renewed bundle states new weights.
+        # The graph has the cost weights from its export, but the manifest of a renewed bundle has new weights.
         self.calibrate(release_calibration(bundle, config))
 
     @property
@@ -102,7 +102,7 @@ class Ecu:
         if (own := self._state.memory.sizes) != state.memory.sizes:
             raise ValueError(
                 f"state of a controller with (window, sensors, horizon, delay) = {state.memory.sizes}: this ECU has "
-                f"{own}; build it from the same bundle, settings and calibration"
+                f"{own}; build the ECU from the same bundle, settings and calibration"
             )
         self._state = state
         mode, action = state.fail_safe.mode.on_wire, state.memory.under_way.newest
@@ -140,7 +140,7 @@ class Ecu:
         health: BusHealth = HEALTHY,
         **around: Unpack[Surroundings],
     ) -> StepOutcome:
-        """Compute a control period from any state, without storing the result. Pure if the controller is pure."""
+        """Compute a control period from any state and store nothing. The function is pure if the controller is pure."""
         received, inputs = self._receive(state, now_ns, frames, health, around)
         decided = replace(received, fail_safe=received.fail_safe.next(inputs, self._config.ecu))
         acted, passed, forces = self._act(decided, state.timing, now_ns)
@@ -150,7 +150,7 @@ class Ecu:
             flow_m2_per_s=passed.flow_m2_per_s,
             mode=mode.on_wire,
             enable=passed.enable,
-            # The command states the counter of the pressure frame on which it is based, even if it repeats a command.
+            # The command states the counter of the latest usable pressures, even if the command repeats an earlier one.
             pressure_counter=after.pressure_counter if inputs.usable or mode.drives_jets else None,
             next_period=self._config.ecu.plan_ahead,
         )
@@ -186,7 +186,7 @@ class Ecu:
         other_ecu = state.other_ecu.next(heard_of_another_ecu(frames, self._messages, self._key), timing.step_ns or 0)
         memory = self._after_silence(state.memory, timing)
         if speed_state.is_off:
-            # The window is emptied: pressures at a speed outside the range must not be used for control within it.
+            # The window is emptied: control within the speed range must not use pressures from outside the range.
             received, memory = received._replace(cp=None), memory.emptied()
         elif received.cp is None:
             memory = memory.bridged(self._longest_gap)
@@ -242,18 +242,18 @@ class Ecu:
             now_ns=now_ns,
             limits=self._limits,
         )
-        # The action as it is sent, rounded to the message's resolution.
+        # The action is rounded to the message's resolution, so that the memory has the action as it is sent.
         sent_m2_per_s = round(passed.flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) * FLOW_RESOLUTION_M2_PER_S
         memory = memory.commanded(sent_m2_per_s / self._flow_scale)
         after = replace(state, memory=memory, fail_safe=_told_by_the_gate(fail_safe, passed))
         return after, passed, forces
 
     def _after_silence(self, memory: ControllerMemory, timing: StepTiming) -> ControllerMemory:
-        """Return the memory with a row for each skipped period, in which the last command stayed in force."""
+        """Return the memory with a row for each skipped period. In these periods the last command stayed in force."""
         if timing.fault is Reason.CLOCK:
-            # The length of the step is unknown, and the rows are useless.
+            # The clock is wrong, so the times of the rows are unknown and the rows are useless.
             return memory.emptied()
-        # More periods change nothing: the window is then empty, and the last command is in force.
+        # More rows would change nothing: after this number the window is empty, and the last command is in force.
         for _ in range(min(timing.skipped, max(self._longest_gap, len(memory.under_way.pending)) + 1)):
             memory = memory.bridged(self._longest_gap).commanded(memory.under_way.newest)
         return memory
@@ -274,16 +274,16 @@ class Ecu:
     def _judged(
         self, state: EcuState, memory: ControllerMemory, speed: float, *, usable: bool
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Return the check's state, and a reason to shut the jets. A faulty sensor's estimate counts as its reading."""
+        """Return the check's state, and a reason to shut the jets. The estimate replaces a faulty sensor's reading."""
         if self._benefit_check is None:
             return state.benefit, None
         cp = memory.window[-1, :-1] if usable else None
         return self._benefit_check.next(state.benefit, cp, drives=state.fail_safe.mode.drives_jets, speed=speed)
 
     def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> tuple[ControllerMemory, float, Array | None]:
-        """Return the memory with or without a plan, the action in U_inf W that is requested of the command gate, and
-        the predicted (Cd, Cl) over the H steps of the horizon, (H, 2); `memory` already has this period's row. Raises
-        ControllerError if the controller fails."""
+        """Return the memory with or without a plan, the action in U_inf W for the command gate, and the predicted
+        (Cd, Cl) in the H steps of the horizon, (H, 2). `memory` already has this period's row. Raises ControllerError
+        if the controller fails."""
         latest = memory.under_way.newest
         if mode is OperatingMode.CONTROL:
             planned, answer = memory.planned(self._controller, self._weights, self._config.flow.action_limit)
@@ -302,7 +302,7 @@ def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:
 
 
 def _told_by_the_gate(fail_safe: FailSafe, passed: GatedCommand) -> FailSafe:
-    """Return the fail-safe after the command gate. If the gate shut the jets, its `reason` states why."""
+    """Return the fail-safe after the command gate. If the gate shut the jets, the fail-safe's `reason` states why."""
     if Intervention.NOT_FINITE in passed.interventions:
         return fail_safe.latch(Reason.INTERNAL)
     if Intervention.STALE in passed.interventions:

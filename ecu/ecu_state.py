@@ -25,8 +25,8 @@ from ecu.timing import StepTiming
 
 
 class Surroundings(TypedDict, total=False):
-    """The external conditions of an ECU in a control period: a reason for which the ECU must switch itself off, and
-    whether a release is being written. If so, the ECU is off as soon as no jet may run, until a reset."""
+    """The external conditions of an ECU in a control period: a `fault` for which the ECU must switch itself off, and
+    whether a release is being written. With `updating` the ECU goes off once no jet may run, until a reset."""
 
     fault: Reason | None
     updating: bool
@@ -80,7 +80,7 @@ class EcuState:
         )
 
     def authenticated(self, authentication: Authentication | None, messages: MessageSet) -> Self:
-        """Return the power-on state with the data for authentication; without a key, the state itself."""
+        """Return the power-on state with the data for authentication; without a key, return the state unchanged."""
         if authentication is None:
             return self
         speed = replace(self.speed, verifier=authentication.verifier(messages.speed.spec))
@@ -123,7 +123,7 @@ def answers(
     key: Key | None,
     bundle_hash: int,
 ) -> list[Frame]:
-    """Return a period's two frames, with counters and freshness of the state `before`, and the status of `after`."""
+    """Return a period's two frames: their counters and freshness are from `before`, the status is from `after`."""
     contents = (
         (before.commands, messages.command.spec, messages.command.emit(command)),
         (before.statuses, messages.status.spec, messages.status.emit(after.status(bundle_hash))),
@@ -137,8 +137,8 @@ def answers(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trace:
-    """The results of the latest step, for observers. `action` was sent, in U_inf W. `forces` are the predicted (Cd, Cl)
-    over the H steps of the horizon, (H, 2), in units of the design speed, or None."""
+    """The results of the latest step, for observers. `action` is the sent action in U_inf W. `forces` are the predicted
+    (Cd, Cl) over the H steps of the horizon, (H, 2), in units of the design speed, or None."""
 
     mode: Mode
     action: float

@@ -209,7 +209,7 @@ TRANSITIONS: Final = (
     _row("INIT", STANDING, _S.STANDBY, _STANDS),
     _row(f"STANDBY ARMED {_WANTED}", LOW, _S.ARMED, _QUIET),
     _row("STANDBY", ALWAYS, _S.STANDBY, _STANDS),
-    # The request rises, or is high and has been accepted before.
+    # In these rows the request rises, or is high and has been accepted earlier.
     _row(f"INIT ARMED {_WANTED}", INVALID, _S.FAULT, _MISSING),
     _row(f"INIT ARMED {_WANTED}", TOO_LONG, _S.FAULT, _MISSING, "hold_periods + decay_periods + 1"),
     _row(f"INIT ARMED {_WANTED}", TOO_MANY, _S.FAULT, _MISSING, "loss_limit"),
@@ -265,7 +265,7 @@ class FailSafe:
         rises = request and not self.enable_request
         usable = inputs.usable
         misses = 0 if usable else self.misses + 1
-        # Good frames before the latest fault of the ECU itself do not count for the end of a fault.
+        # Good frames help to end a fault only if they came after the latest fault of the ECU itself.
         good = (self.good + 1 if inputs.fault is None else 1) if usable else 0
         lost = 0
         is_wanted = request and (rises or self.mode not in _UNWANTED)
@@ -291,7 +291,7 @@ class FailSafe:
 
 
 _NO_LIMITS: Final = EcuConfig()
-"""Settings for evaluating the table's rows for the ECU's own faults; these rows depend on no setting."""
+"""Any valid settings: the table's rows for the ECU's own faults depend on no setting."""
 
 
 def taken(mode: OperatingMode, period: Period) -> Transition:

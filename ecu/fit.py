@@ -1,4 +1,4 @@
-"""Checks that a release was made for this flow and vehicle. An error states the required and the present value."""
+"""The checks that a release was made for this flow and vehicle. An error states the required and the present value."""
 
 from dataclasses import fields
 
@@ -63,8 +63,8 @@ def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
 
 
 def positions_of(manifest: Manifest) -> Array | None:
-    """Return a release's sensor positions (S, 2). A bundle that states none is from a version that supported only the
-    truck. Its sensors have the truck's positions; the result is None if the truck does not have one of them."""
+    """Return a release's sensor positions (S, 2). A bundle without positions is from a version that supported only the
+    truck: then the result is the truck's positions of these sensors, or None if the truck lacks one of the sensors."""
     if manifest.sensor_positions is not None:
         return np.array(manifest.sensor_positions)
     return TRUCK.positions[TRUCK.indices(manifest.sensors)] if set(manifest.sensors) <= set(TRUCK.names) else None

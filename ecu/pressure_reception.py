@@ -28,7 +28,7 @@ from contract.config.vehicle import E2eConfig
 
 
 class Received(NamedTuple):
-    """The result of one period's frames.
+    """The result of receiving one period's frames.
 
     Attributes:
         verifier, receiver: states of the authentication and of the E2E receiver after these frames.
@@ -67,7 +67,7 @@ class PressureReception:
         dynamic_pressure: float | None,
     ) -> Received:
         """Return the newest trusted pressures of a period, or the reason why there are none. `dynamic_pressure` is the
-        pressure in Pa of Cp = 1 at the present speed; None if no speed is in force."""
+        pressure in Pa for Cp = 1 at the present speed; None if no speed is in force."""
         spec = self.message.spec
         verifier, frames, none_authentic = verified(verifier, frames, spec=spec, key=self.key)
         receiver, reception = receive(receiver, frames, spec=spec, config=self.e2e)

@@ -46,8 +46,8 @@ NOISE_ALLOWED: Final = 0.3
 the fast average, 1 / (2 FAST_PERIODS - 1), because the estimate of the noise's variance is noisy, too."""
 
 MOVING: Final = 0.4
-"""Smallest median of the other sensors' ranges at which a constant reading counts as stuck, in standard deviations of
-healthy residuals: 0.015 in Cp. In the shipped recording the median in ten periods is at least 0.022."""
+"""Smallest median of the other sensors' ranges with which a constant reading counts as stuck. Its unit is the standard
+deviation of healthy residuals: 0.015 in Cp. In the shipped recording the median in ten periods is at least 0.022."""
 
 ALIKE: Final = 0.1
 """Largest rms difference of two sensors' readings over a window at which one may be a copy of the other, in standard
@@ -71,8 +71,8 @@ class EstimatorModel(Protocol):
     """A model that evaluates the estimator network of `sensors.onnx`, like `OnnxEstimator`."""
 
     def estimates(self, window: Array) -> Array:
-        """Return the estimates in Cp of each of the V views, (V, S), for a window (L, S + 1). Raises ControllerError if
-        the model fails."""
+        """Return the estimates in Cp by each of the V views, shape (V, S), for a window of shape (L, S + 1). Raises
+        ControllerError if the model fails."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -188,7 +188,7 @@ class SensorCheck:
             skipped: number of skipped periods before the present period; the window has a row for each of them.
         """
         length = len(window)
-        # The window has a new row for each of these periods, so the estimates must get the same number of rows.
+        # The window has a new row for this period and each skipped period, so the estimates need equally many new rows.
         kept = state.estimates
         estimates = np.concatenate([kept, np.tile(kept[-1], (1 + min(skipped, len(kept)), 1))])[-len(kept) :]
         if cp is None or rows == 0:
@@ -208,7 +208,7 @@ class SensorCheck:
         means = self._averaged(state, self.hypotheses.residuals(cp, by_view)) if rows == length else {}
         state = replace(state, readings=reading.copy(), flat=flat, estimates=estimates, **means)
         verdict = self._verdict(state, seen, full=rows == length)
-        # A new state is expensive to create, and the verdict changes rarely.
+        # Creating a state takes long, so it is done only if the verdict has changed.
         if any(getattr(state, name) != value for name, value in verdict.items()):
             state = replace(state, **verdict)
         return state, Reason.IMPLAUSIBLE if state.implausible else None
@@ -289,13 +289,13 @@ def sensor_check_of(bundle: Bundle, config: Config) -> SensorCheck | None:
 
 
 def _split(values: Array, sensors: int) -> tuple[Array, Array]:
-    """Return each sensor's value in the row that leaves it out, and the mean of this row's other values; both (S,)."""
+    """Return for each sensor its value in the row that leaves it out, and the mean of that row's other values."""
     own = values[:sensors].diagonal()
     return own, (values[:sensors].sum(axis=1) - own) / (sensors - 1)
 
 
 def _with_swaps(table: Array) -> Array:
-    """Append P equal rows for the exchanged pairs, with the values of sensors estimated by all others: (S + P, S)."""
+    """Append a row for each of the P pairs, (S + P, S); it has the values of sensors estimated by all others."""
     return np.concatenate([table, np.tile(table.diagonal(), (len(pairs(len(table))), 1))])
 
 

@@ -32,8 +32,8 @@ from contract.release.manifest import Manifest, SpeedRange
 TOLERATED: Final = 0.02
 """Magnitude of the estimate below which the speed is not corrected: about the rms error of the estimate."""
 MOST_REST: Final = 0.1
-"""Largest magnitude of the rest, the part of the estimate that is not tolerated. A wake unlike those of the fit can
-give any estimate."""
+"""Largest magnitude of the rest, the part of the estimate that is not tolerated. In a wake that differs from
+the wakes of the fit, the estimate can have any value."""
 RATE: Final = 0.01
 """Share of the rest by which the speed is corrected in a period."""
 
@@ -55,7 +55,7 @@ class AirSpeedState(ArrayValue):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AirSpeed:
-    """The estimate of a release.
+    """The air-speed estimate of a release.
 
     Attributes:
         weights: weights of the estimate's terms.
@@ -69,7 +69,7 @@ class AirSpeed:
 
     @classmethod
     def of(cls, manifest: Manifest, most: float) -> "AirSpeed | None":
-        """Return the estimate of a release; None for a release without one."""
+        """Return the estimate of a release; None if the release has no estimate."""
         if manifest.air_speed is None:
             return None
         # C has the weights in float32.
@@ -138,7 +138,7 @@ class SpeedState:
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedReception:
-    """The reception of speed frames at the release's operating point `design`; `speeds` are ratios to its speed."""
+    """The reception of speed frames at a release's operating point `design`; `speeds` are ratios to `design.speed`."""
 
     message: Message[VehicleSpeed]
     key: Key | None
@@ -171,7 +171,7 @@ class SpeedReception:
         return SpeedState() if self.air is None else SpeedState(air=self.air.start)
 
     def next(self, state: SpeedState, frames: Sequence[Frame], now_ns: int) -> SpeedState:
-        """Return the state after the frames of a period, oldest first."""
+        """Return the state after a period; `frames` are the frames of the period, oldest first."""
         spec = self.message.spec
         verifier, frames, _ = verified(state.verifier, frames, spec=spec, key=self.key)
         receiver, reception = receive(state.receiver, frames, spec=spec, config=self.e2e)
@@ -193,13 +193,13 @@ class SpeedReception:
 
     def present(self, state: SpeedState) -> float:
         """Return the ratio of the speed in use to the design speed, limited to the release's range; 1 if the speed on
-        the bus is unknown or too far outside."""
+        the bus is unknown or too far outside the range."""
         if state.ratio is None or state.is_off:
             return 1.0
         return min(max(state.ratio * state.air.correction, self.speeds.slowest), self.speeds.fastest)
 
     def corrected(self, state: SpeedState, window: Array | None, *, drives: bool) -> SpeedState:
-        """Return the state with the next estimate of the air speed; the arguments are those of `AirSpeed.next`."""
+        """Return the state with the next estimate of the air speed; the arguments are as in `AirSpeed.next`."""
         if self.air is None:
             return state
         ratio = state.ratio or 1.0
@@ -212,7 +212,7 @@ class SpeedReception:
         return round(self.config.oldest_ms * 1e6)
 
     def _believed(self, state: SpeedState, stated: VehicleSpeed, measured_ns: int, now_ns: int) -> SpeedState:
-        """Return the state with a new speed, unless it is old, or no vehicle can change to it from the last speed."""
+        """Return the state with the stated speed, unless this speed is too old or not reachable from the last speed."""
         if stated.speed_m_per_s is None or not 0 <= now_ns - measured_ns <= self._oldest_ns:
             return state
         if state.ratio is not None:

@@ -1,4 +1,4 @@
-"""The interface that a closed loop needs of an ECU: the ECU in Python, in C, or on an emulated core."""
+"""The interface through which a closed loop uses an ECU in Python, in C, or on an emulated core."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from ecu.ecu_state import EcuState, Surroundings, Trace
 
 
 class SteppedEcu(Protocol):
-    """An ECU with the methods of `ecu.ecu.Ecu`, where they are documented."""
+    """An ECU with the same methods as `ecu.ecu.Ecu`, which documents them."""
 
     @property
     def state(self) -> EcuState:

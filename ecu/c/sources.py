@@ -7,7 +7,7 @@ from typing import Final
 from contract.controller.c_folder import c_files
 
 MONOCYPHER: Final = "4.0.3"
-"""Version of Monocypher in `store/vendor`; in Monocypher's repository the files state `__git__` in its place."""
+"""Version of Monocypher in `store/vendor`. The files there state `__git__`, which this number replaces."""
 
 
 def sources_in(folder: str = "") -> dict[str, bytes]:
@@ -16,20 +16,20 @@ def sources_in(folder: str = "") -> dict[str, bytes]:
 
 
 def control_sources() -> dict[str, bytes]:
-    """Return the sources for a control period of the ECU, including the authentication of frames."""
+    """Return the sources that compute a control period of the ECU, and those that authenticate frames."""
     return sources_in() | sources_in("secoc")
 
 
 def firmware_sources() -> dict[str, bytes]:
-    """Return the sources of the ECU around a control step, and the firmware around the ECU in `board/` and `loader/`.
-    The generated `sw_ecu_settings.h` is not among them (`ecu.in_c.c_settings`)."""
+    """Return the sources of the ECU without its control step, and of the firmware, in `board/` and `loader/`. The
+    generated `sw_ecu_settings.h` is not included (`ecu.in_c.c_settings`)."""
     around = {f"board/{name}": text for name, text in sources_in("board").items()}
     return control_sources() | around | {f"loader/{name}": text for name, text in loader_sources().items()}
 
 
 def loader_sources() -> dict[str, bytes]:
     """Return the sources of loader, store and diagnosis, which are compiled together with a library's sources.
-    The names of Monocypher's sources end in `_c.h`: another source includes them, so they are not compiled alone."""
+    The names of Monocypher's sources end in `_c.h`, because another source includes them."""
     return sources_in("store") | sources_in("loader") | {
         name.replace(".c", "_c.h"): text.replace(b"version __git__", f"version {MONOCYPHER}".encode())
         for name, text in sources_in("store/vendor").items()
@@ -37,13 +37,13 @@ def loader_sources() -> dict[str, bytes]:
 
 
 def fmu_sources(*parts: str) -> dict[str, bytes]:
-    """Return the sources of the FMU around the ECU, with the folders `parts` of `fmu/`: `signals` or `bus`, and `fmi2`.
-    The generated `sw_fmu_settings.h` is not among them (`firmware_sim.fmu.ecu_variables`)."""
+    """Return the sources with which the ECU becomes an FMU. `parts` are folders in `fmu/`: `signals` or `bus`, and
+    `fmi2`. The generated `sw_fmu_settings.h` is not included (`firmware_sim.fmu.ecu_variables`)."""
     return sources_in("fmu") | _in_parts(parts)
 
 
 def plant_fmu_sources(*parts: str) -> dict[str, bytes]:
-    """Return the sources around the plant's FMU, without `sw_plant_settings.h`; `parts` is as in `fmu_sources`."""
+    """Return the C sources of the plant's FMU, without `sw_plant_settings.h`; `parts` is as in `fmu_sources`."""
     shared = ("sw_fmi3.h", "sw_fmi3_calls.h", "sw_fmu_other.c", "sw_fmu_no_events.c")
     others = {name: text for name, text in fmu_sources("signals").items() if name in shared}
     return sources_in("fmu/plant") | others | _in_parts(parts)

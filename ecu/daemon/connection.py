@@ -80,7 +80,7 @@ class Connection:
         self._bus = None
 
     def look(self) -> Lost | Back | None:
-        """Return whether the bus was lost or has returned since the last call. The call does not wait."""
+        """Return a report if the bus was lost or has returned since the last call, else None; do not wait."""
         if self._bus is None:
             if not self._opened:
                 return None
@@ -97,7 +97,7 @@ class Connection:
         return self._health
 
     def rejected(self) -> Mapping[Rejection, int]:
-        """Return, for each reason, how many receptions on the open bus were not frames that this node uses."""
+        """Return for each reason the number of received items that this node could not use since the bus was opened."""
         return {} if self._bus is None else self._bus.bus.rejected
 
     def send(self, frames: Sequence[Frame]) -> bool:

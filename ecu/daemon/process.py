@@ -66,13 +66,13 @@ def freshness_file(options: ProcessOptions) -> Path:
         return options.freshness
     folder = options.environment.get("STATE_DIRECTORY", "").partition(":")[0]
     if not folder:
-        raise ConfigError("bus.key: name a file that stores the freshness values with --freshness FILE")
+        raise ConfigError("bus.key: needs --freshness FILE, which stores the freshness values")
     return Path(folder) / FRESHNESS
 
 
 def authentication_of(config: Config, options: ProcessOptions) -> tuple[FreshnessStore | None, Authentication | None]:
-    """Return store and authentication of a new power cycle, or (None, None) without `bus.key`. Raises KeyFileError if
-    the key cannot be read, and the errors of `FreshnessStore.begin`."""
+    """Return freshness store and authentication for a new power cycle, or (None, None) without `bus.key`. Raises
+    KeyFileError if the key cannot be read, and the errors of `FreshnessStore.begin`."""
     if not config.bus.key:
         return None, None
     key, store = read_key(Path(config.bus.key)), FreshnessStore(freshness_file(options))
@@ -84,8 +84,8 @@ Beside = Callable[[Connection, Reporter], AbstractContextManager[object]]
 
 @dataclass(frozen=True, kw_only=True)
 class ServedEcu:
-    """An ECU and the further parts of its process. The thread that reads the bus calls the functions of `hears` with
-    the frames of further identifiers. `beside` returns a context that is active while the bus is open."""
+    """An ECU and the other parts of its process. The thread that reads the bus passes the frames of further identifiers
+    to the functions in `hears`. `beside` returns a context that is active while the bus is open."""
 
     ecu: SteppedEcu
     times: PlanTimes
@@ -124,7 +124,7 @@ def run(
         stages = StageTimes(EcuStage, USUAL_PERIODS if options.periods is None else options.periods)
 
     def opened() -> PythonCanBus:
-        # Frames of the other message sets are accepted too, to show why no frame of the ECU's own set arrives.
+        # Frames of the other message sets are accepted too, so that the ECU can report a node with a wrong message set.
         accept = [spec.frame_id for known in SETS for spec in known.specs] + list(served.hears)
         return PythonCanBus.open(config.bus, accept=accept, keep=kept)
 
@@ -138,7 +138,7 @@ def run(
             freshness.accepted(speed.frame_id, counters.state.speed.verifier.freshness)
 
     with ExitStack() as stack:
-        # The log's thread starts before the process takes its privileges, so that the thread does not get them.
+        # The log's thread starts before the process takes its privileges, so the log's thread does not get them.
         kept = stack.enter_context(live_log(options.frames))
         privileges = stack.enter_context(taken(options.wanted))
         notifier = Notifier(options.environment, os.getpid())
@@ -194,7 +194,7 @@ def run(
 
 
 WARM_UP_STEPS: Final = 50
-"""Number of warm-up steps of the controller on zeros, and of the ECU without frames. They take half a second."""
+"""Number of warm-up steps: of the controller on zeros, and of the ECU without frames. All take half a second."""
 
 
 def serve(

@@ -1,4 +1,4 @@
-"""Frames received between two control steps, with times in the ECU's clock.
+"""The frames received between two control steps, with times of the ECU's clock.
 
 The software that receives from a bus stamps a frame with the date and time of the computer, which NTP sets. When NTP
 changes them, fresh pressures must not count as old, nor old pressures as fresh. So the stamp is used only to compute
@@ -18,19 +18,19 @@ LONGEST_AGE_NS: Final = 1_000_000_000
 """Largest age in ns of a frame when it is read; if the age is larger, the frame is useless, or the clock was set."""
 STAMPED_WITH_THE_DATE: Final = frozenset({"socketcan", "udp_multicast", "slcan"})
 """Interfaces that stamp a received frame with the computer's date. A `virtual` bus has the sender's stamp, and vendors'
-drivers have clocks of their own; on these interfaces a frame counts as received when it is read."""
+drivers have clocks of their own. On all other interfaces a frame counts as received when it is read."""
 ROOM: Final = 256
 """Largest number of frames that are stored for a step. Only a flood reaches this number; the checks then take 2 ms."""
 
 
 def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:
-    """Return the time in ns, on the monotonic clock, of a frame that was received at the date `stamp_ns`, in ns."""
+    """Convert the date of a frame's reception, `stamp_ns`, to a time of the monotonic clock; both are in ns."""
     age_ns = min(max(0, date_ns - stamp_ns), LONGEST_AGE_NS)
     return max(0, monotonic_ns - age_ns)
 
 
 class FrameReception:
-    """A store of received frames for the control step. `heard` counts all frames since a caller last replaced it."""
+    """A store of received frames for the control step. `heard` counts frames since a caller last reset this count."""
 
     def __init__(
         self,
@@ -57,7 +57,7 @@ class FrameReception:
         return self._pressures.dropped
 
     def put(self, frame: Frame) -> None:
-        """Add a frame; called by the code that reads the bus, in one thread at a time."""
+        """Add a frame; the code that reads the bus calls this, in one thread at a time."""
         self.heard.add([frame])
         if self._pressure.names(frame):
             self._pressures.put(frame)
@@ -65,8 +65,8 @@ class FrameReception:
             self._others.put(frame)
 
     def take(self) -> tuple[list[Frame], list[Frame]]:
-        """Remove and return the frames since the last step, oldest first, stamped in the ECU's clock: pressures, and
-        others. These are VehicleSpeed frames, and frames of the ECU itself, which only another ECU can send."""
+        """Remove and return the frames since the last step as (pressures, others), oldest first, in the ECU's clock.
+        The others are VehicleSpeed frames, and frames with the ECU's own identifiers, which another ECU has sent."""
         return self._pressures.take(), self._others.take()
 
     def _stamp(self, frame: Frame) -> int:

@@ -1,5 +1,5 @@
-"""The thread for reports: log lines as text or as JSON, the file of counters for Prometheus (text format 0.0.4), the
-freshness file.
+"""The thread that writes reports: log lines as text or as JSON, the file of counters for Prometheus (text format
+0.0.4), and the freshness file.
 
 The control loop never waits for this thread, because writing may block on a slow disk or a full pipe, or fail.
 """
@@ -47,7 +47,7 @@ class Counters:
 
 
 def text(c: Counters, *, bundle: str) -> str:
-    """Return the content of the file; `bundle` is the name of the release."""
+    """Return the content of the file of counters; `bundle` is the name of the release."""
     state, mode, reason = c.state, c.state.fail_safe.mode.on_wire, c.state.fail_safe.reason
     name_of_release = bundle.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
     counts = {
@@ -124,8 +124,8 @@ INTERVAL_S: Final = 1.0
 
 
 class Reporter:
-    """A thread that writes counters and log lines while its `with` block runs, and the remaining lines at its end. The
-    control loop sets the counters after each step.
+    """A thread that writes counters and log lines while its `with` block runs, and the remaining lines at the block's
+    end. The control loop sets the counters after each step.
 
     Args:
         write: writes one line of the log; if it raises OSError or ValueError, the line is lost.
@@ -190,7 +190,7 @@ class Reporter:
         counters = self.counters
         if counters is None:
             return
-        # All periods left out in an interval are reported in one line, and likewise all frames not sent.
+        # One line reports all periods that were left out in an interval; another line reports all unsent frames.
         if (more := counters.left_out - self._left_out) > 0:
             self._left_out = counters.left_out
             self.tell("left_out", f"{more} periods left out, {counters.left_out} in all", more=more)

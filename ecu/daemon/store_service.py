@@ -39,7 +39,7 @@ SENDING_S: Final = 0.001
 
 
 class DiagnosisThread:
-    """A thread that serves the tester while its `with` block runs; if an error ends it, `failed` gets the error."""
+    """A thread that serves the tester while its `with` block runs; `failed` gets an error that ends the thread."""
 
     def __init__(
         self,
@@ -55,7 +55,7 @@ class DiagnosisThread:
         self._thread = Thread(target=self._run, name="diagnosis", daemon=True)
 
     def put(self, frame: Frame) -> None:
-        """Add a frame; called by the thread that reads the bus."""
+        """Add a frame; the thread that reads the bus calls this."""
         self._inbox.put(frame)
         self._wakes.set()
 
@@ -82,14 +82,14 @@ class DiagnosisThread:
 
 
 SWITCH_INTERVAL_S: Final = 0.0005
-"""Longest time in s that the control's thread waits for another thread after it wakes; Python's default is 5 ms."""
+"""Longest time in s for which another thread can delay the control's thread when it wakes; Python's default: 5 ms."""
 NO_RELEASE: Final = "none"
 
 _Fields = str | int | float
 
 
 class _EarlyLog:
-    """A store for events until there is a log, and for the name of the booted `release`."""
+    """A store for the events that occur before the log exists, and for the name of the booted `release`."""
 
     def __init__(self) -> None:
         self._early: list[tuple[str, str, dict[str, _Fields]]] = []
@@ -126,7 +126,7 @@ def serve_store(
     write: Callable[[str], object],
 ) -> Counters:
     """Run the ECU like `ecu.daemon.process.serve`. Also raises StillwakeError if another process runs this ECU, or if a
-    reset within the process failed; then the process must be started again to boot."""
+    reset within the process failed; after a failed reset, a new process has to boot the ECU."""
     check(config, options)
     times, log = PlanTimes(), _EarlyLog()
 
@@ -158,7 +158,7 @@ def serve_store(
             goes_on = "control continues"
             if ecu.needs_reset:
                 # No thread serves the tester any more, and an update ends only with a reset, so the process ends.
-                goes_on = "and with it the process"
+                goes_on = "so the process ends"
                 fatal.append(error)
             log.tell("diagnosis_ended", f"diagnosis ended, {goes_on}: {type(error).__name__}: {error}")
 

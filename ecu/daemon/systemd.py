@@ -1,4 +1,4 @@
-"""Reports to systemd: datagrams to the socket that systemd states, as in sd_notify(3), without systemd's library.
+"""The reports to systemd: datagrams to the socket that systemd names (sd_notify(3)), without systemd's library.
 
 The watchdog is signalled only after completed control steps, so that systemd restarts a process whose loop hangs.
 """
@@ -13,8 +13,8 @@ PER_INTERVAL: Final = 4
 
 
 class Notifier:
-    """A sender of notifications to systemd. It sends nothing unless systemd has set NOTIFY_SOCKET in the environment,
-    and no watchdog signals unless WATCHDOG_USEC is set and WATCHDOG_PID, if set, is this process."""
+    """A sender of notifications to systemd. It sends nothing unless systemd has set NOTIFY_SOCKET in the environment.
+    It sends watchdog signals only if WATCHDOG_USEC is set, and WATCHDOG_PID does not name another process."""
 
     def __init__(self, environment: Mapping[str, str], pid: int) -> None:
         self._address = environment.get("NOTIFY_SOCKET", "")
@@ -37,7 +37,7 @@ class Notifier:
         self._tell(f"STATUS={' '.join(text.split())}")
 
     def came_through(self, now_ns: int) -> None:
-        """Signal the watchdog if a signal is due. A control step was completed at `now_ns`."""
+        """Signal the watchdog if a signal is due at `now_ns`, the end of a control step."""
         if self._interval_ns and now_ns >= self._due_ns:
             self._due_ns = now_ns + self._interval_ns
             self._tell("WATCHDOG=1")

@@ -78,7 +78,7 @@ def provision(
     empty; ConfigError if the image fails a check, or a name is not allowed; KeyFileError if the root key cannot be
     read or does not verify the list."""
     if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
-        raise OutputError(f"{folder}: exists already; an ECU's memory is never overwritten, name another folder")
+        raise OutputError(f"{folder}: exists already; an ECU's memory is never overwritten; name another folder")
     public = signing.read_public_key(root)
     identity = {"schema": _SCHEMA, "hardware": _name(hardware, "hardware"), "serial": _name(serial, "serial")}
     with replacing(folder) as temporary:
@@ -99,7 +99,7 @@ def held(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            raise ConfigError(f"{folder}: another process runs this ECU; end it first") from error
+            raise ConfigError(f"{folder}: another process runs this ECU; end that process first") from error
         yield
 
 

@@ -1,4 +1,4 @@
-"""The equipment of an ECU: data from production and access to the ECU's surroundings. No reset changes them."""
+"""The equipment of an ECU: data from production and access to the ECU's surroundings. A reset does not change it."""
 
 import struct
 from collections.abc import Callable, Mapping

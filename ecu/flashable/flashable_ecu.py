@@ -1,4 +1,4 @@
-"""The ECU in a vehicle: it boots a release from its store, controls, and can be flashed and calibrated.
+"""The ECU in a vehicle: it boots a release from its store, controls the jets, and can be flashed and calibrated.
 
 A caller calls `step` once a period, and `service` any number of times in between, possibly in another thread. A reset
 has the effect of a power loss: the release is booted again and every counter begins at 0. Only freshness values
@@ -22,8 +22,8 @@ from ecu.stepped import CalibratedEcu
 
 
 class FlashableEcu:
-    """An `ecu.stepped.SteppedEcu` with a store, just powered on. Raises ConfigError if only one of `bus.key` and
-    `authentication` is given.
+    """An `ecu.stepped.SteppedEcu` with a store; a new object has just been powered on. Raises ConfigError if only one
+    of `bus.key` and `authentication` is given.
 
     Attributes:
         resets: number of resets since power-on.
@@ -43,7 +43,7 @@ class FlashableEcu:
         self._service_ns = 0
         self._wants_reset = False
         self.resets = 0
-        # Diagnosis uses a newly booted release as soon as its boot has ended; control uses it from the next period on.
+        # Diagnosis uses a new release as soon as it is booted; control uses it from the next period on.
         self._serviced = self._controlled = self._power_on()
 
     @property
@@ -64,7 +64,7 @@ class FlashableEcu:
 
     @property
     def cycle(self) -> PowerCycle:
-        """The parts since the latest boot."""
+        """The parts that the latest boot created."""
         return self._serviced
 
     @property
@@ -126,7 +126,7 @@ class FlashableEcu:
             sent += cycle.calibration.xcp(now_ns, for_xcp, room=cycle.link.room, may_store=not cycle.link.is_working)
         return sent
 
-    # The following methods are used by both control and service.
+    # Control and service both use the following methods.
 
     def _power_on(self) -> PowerCycle:
         return PowerCycle(

@@ -26,7 +26,7 @@ from ecu.flashable.equipment import Equipment
 from ecu.stepped import CalibratedEcu
 
 XCP_PLACES: Final = 4
-"""Largest number of packets that wait to be sent to a tool; a command without a place for its answer is lost."""
+"""Largest number of packets that wait to be sent to a tool. If this number waits, further commands are lost."""
 MOST_FRAMES: Final = 128
 """Largest number of frames that the ECU processes in one call; further frames are lost. In one control period, a CAN FD
 bus at 2 Mbit/s carries at most a third of this number."""
@@ -72,12 +72,12 @@ class DiagnosticLink:
         self._server.look(now_ns, in_transit=self._endpoint.is_receiving or self._endpoint.is_sending)
         was_busy, requests = self._server.is_busy, 0
         for request, is_functional in self._requests(now_ns, frames):
-            # Further requests are lost.
+            # Requests are lost if there are too many of them, or no place is free for an answer.
             if requests < self._settings.queue and not self._endpoint.is_full:
                 is_occupied = self._endpoint.occupied > BESIDE
                 self._send(self._server.request(now_ns, request, is_functional=is_functional, is_occupied=is_occupied))
             requests += 1
-        # A request that begins a long operation has already done its first part. Other requests do no part of it.
+        # A request that began a long operation has already done the operation's first part, so `tick` is not called.
         if was_busy or not (requests and self._server.is_busy):
             self._send(self._server.tick(now_ns))
         sent = self._endpoint.poll(now_ns)
@@ -141,7 +141,7 @@ class CalibrationLink:
         return self._xcp is not None and self._xcp.daq.is_running
 
     def sample(self, state: EcuState) -> None:
-        """Pass the measured values of the period that just ended to the tool's measurement; called by the control."""
+        """Pass the measured values of the latest period to the tool's measurement; the control loop calls this."""
         if self._xcp is None:
             return
         measured = measured_bytes(
@@ -170,7 +170,7 @@ class CalibrationLink:
                 self.service.store(calibration)
             except Refused as refused:
                 if refused.code is not Nrc.CONDITIONS_NOT_CORRECT:
-                    # An attempt in every period would wear out a memory that fails.
+                    # Without this call, an attempt in every period would wear out a failing memory.
                     self._xcp.not_stored()
             else:
                 self._waiting += self._xcp.stored()

@@ -1,5 +1,5 @@
-"""The parts of an ECU that a power loss clears: a boot creates them, and each reset creates them again. Diagnosis takes
-the vehicle's request for control, and faults, from the control periods."""
+"""The parts of an ECU that a power loss clears: a boot creates them, and each reset creates them again. Diagnosis gets
+the vehicle's requests for control, and the faults, from the control periods."""
 
 import struct
 from collections.abc import Callable, Mapping, Sequence
@@ -93,7 +93,7 @@ _UPDATING: Final = FailSafe(mode=OperatingMode.UPDATE, reason=Reason.UPDATING, e
 
 
 REMEMBERED_NS: Final = 1_000_000_000
-"""Time in ns for which a request for control counts after its frame, in case the bus is lost or a sensor fails."""
+"""Time in ns for which the latest request for control counts, even if the bus is lost or a sensor fails meanwhile."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +108,7 @@ class VehicleRequest:
         return replace(self, asked_ns=now_ns if asks else self.asked_ns, drives_jets=after.fail_safe.mode.drives_jets)
 
     def refusal(self, now_ns: int) -> Nrc | None:
-        """Return CONDITIONS_NOT_CORRECT while the jets may run, or until `REMEMBERED_NS` after a request."""
+        """Return CONDITIONS_NOT_CORRECT while the jets may run and until `REMEMBERED_NS` after a request, else None."""
         asks = self.asked_ns is not None and now_ns - self.asked_ns < REMEMBERED_NS
         return Nrc.CONDITIONS_NOT_CORRECT if self.drives_jets or asks else None
 
@@ -137,7 +137,7 @@ class FaultWatch:
 
 
 def _snapshot(before: EcuState, after: EcuState, since_power_on_ns: int) -> bytes:
-    """Return the snapshot of the state in which a fault was found, in the order of `SNAPSHOT_FORMATS`."""
+    """Return the snapshot of the state in which a fault was found, with values in the order of `SNAPSHOT_FORMATS`."""
     return (
         _NUMBERS.pack(
             min(max(0, since_power_on_ns) // 1_000_000, _MOST_MS),
@@ -217,7 +217,7 @@ class PowerCycle:
         self.store = Store(backing, root=equipment.root, hardware=equipment.hardware, fits=fit.fits)
         self.boot = self.store.boot()
         log_boot(equipment.log, self.boot)
-        # The cast is correct, because the check that this store was given returns objects of the type Bundle.
+        # The cast is correct, because the check of this store returns objects of the type Bundle.
         bundle = cast("Bundle | None", self.boot.bundle)
         controller = None if bundle is None else fit.controller(bundle)
         jets = lambda: Nrc.CONDITIONS_NOT_CORRECT if request().drives_jets else None  # noqa: E731
@@ -254,7 +254,7 @@ class PowerCycle:
         return self._server.is_silent
 
     def settle_faults(self) -> None:
-        """Write the faults that were found in the control periods into the stored fault memory."""
+        """Add the faults that were found in control periods to the stored fault memory."""
         try:
             self._faults.settle()
         except MediumError as error:

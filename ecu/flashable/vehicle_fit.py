@@ -1,4 +1,4 @@
-"""The check that a release is for this vehicle and runs on this computer, done before each boot and confirmation.
+"""The check of a release before each boot and confirmation: it must be for this vehicle and run on this computer.
 
 All other checks of the release are done before this one. The self-test shows that controller and estimator run.
 """
@@ -58,8 +58,8 @@ LIMIT_SLACK: Final = 1e-5
 
 
 def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
-    """Run controller and estimator on windows of zeros and of a shedding wake, in parts. Raises ControllerError if they
-    fail, if a plan or a force is not finite, or if a plan has another shape or exceeds the action limit."""
+    """Run controller and estimator on windows of zeros and of a shedding wake, step by step. Raises ControllerError if
+    they fail, if a plan or a force is not finite, or if a plan has another shape or exceeds the action limit."""
     sizes = bundle.manifest.sizes
     weights = np.array(bundle.manifest.mpc.weights.as_tuple())
     estimator = OnnxEstimator.of(bundle)
@@ -68,10 +68,10 @@ def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
         answer = controller.control_step(window, np.zeros(sizes.horizon), np.ones(sizes.horizon), weights)
         plan, forces = np.asarray(answer.plan), np.asarray(answer.forces)
         if plan.shape != (sizes.horizon,) or not (np.isfinite(plan).all() and np.isfinite(forces).all()):
-            raise ControllerError(f"self-test: a plan of shape {plan.shape} must be ({sizes.horizon},), and finite")
+            raise ControllerError(f"self-test: plan of shape {plan.shape}: must be finite, of shape ({sizes.horizon},)")
         if (largest := float(np.abs(plan).max())) > bundle.manifest.action_limit + LIMIT_SLACK:
             raise ControllerError(
-                f"self-test: a plan of {largest:g}: must be within the action limit of {bundle.manifest.action_limit:g}"
+                f"self-test: a plan reaches {largest:g}: the action limit is {bundle.manifest.action_limit:g}"
             )
         yield
         if estimator is not None:
@@ -80,7 +80,7 @@ def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
 
 
 def _windows(sizes: Sizes, control_period: float) -> Iterator[Array]:
-    """Yield the windows, (L, S + 1) each, with L rows and S sensors."""
+    """Yield the windows for the self-test, each of the shape (L, S + 1) for L rows and S sensors."""
     yield np.zeros((sizes.window, sizes.sensors + 1))
     phase = 2 * np.pi * control_period / SHEDDING_CYCLE_TC * np.arange(sizes.window)
     shifts = np.pi * np.arange(sizes.sensors)

@@ -74,10 +74,10 @@ class CEcuState(NeverCopied):
         """Calibrate like `Ecu.calibrate`; the C code checks the values."""
         if (number := self._calibrate(calibration.pack())) != 0:
             name, value = CALIBRATION_NAMES[number - 1], calibration.values[number - 1]
-            raise ConfigError(f"calibration: {name} = {value:g}: out of the limits of this release and vehicle")
+            raise ConfigError(f"calibration: {name} = {value:g}: outside the limits of this release and vehicle")
 
     def differing(self, state: EcuState) -> list[str]:
-        """Return the names of the numbers in which this ECU's state differs from a state, bit for bit."""
+        """Return the names of the numbers that differ between this ECU's state and `state`, bit for bit."""
         return self.structs.differing(self._ecu.state, state)
 
     def saved(self) -> bytes:
@@ -93,7 +93,7 @@ class CEcuState(NeverCopied):
         else:
             self.structs.set_state(place, state)
         if self._restore(place) != 0:
-            raise ValueError("state: from a calibration with another delay, or damaged: a number is out of range")
+            raise ValueError("state: has another delay of the actuator, or a number is out of range")
 
 
 class CEcu(CEcuState):
@@ -142,12 +142,12 @@ class CEcu(CEcuState):
         # In older versions of the library this function returns nothing, which counts as success.
         if self.lib.sw_ecu_init(ecu):
             raise LibraryError(
-                f"the compiled ECU refuses: {' '.join(flags)} or this process's floating-point mode changes the "
-                f"arithmetic of its decisions, or its numbers are damaged; GCC needs -ffp-contract=off"
+                f"the compiled ECU does not run: {' '.join(flags)} or this process's floating-point mode changes the "
+                f"ECU's arithmetic, or its numbers are damaged; GCC needs -ffp-contract=off"
             )
         if secret is not None:
             if not hasattr(self.lib, "sw_ecu_authenticate"):
-                raise LibraryError("its settings are for a bus without a key (bus.key)")
+                raise LibraryError("the library's settings are for a bus without a key (bus.key)")
             if self.lib.sw_ecu_authenticate(ecu, ffi.new("sw_authentication *", {"key": secret, "trip": 1})):
                 raise ConfigError("bus.key: a key of zeros; must be a random key")
         lib, buffer = self.lib, ffi.from_buffer
@@ -167,16 +167,16 @@ class CEcu(CEcuState):
 
 
 def _why(error: Exception) -> str:
-    """Return the cause in one line: cffi's own message states the file twice, and every path that it searched."""
+    """Return the cause in one line; cffi's own message also has the file twice and all searched paths."""
     symbol = _UNDEFINED.search(str(error))
     return str(error).splitlines()[0] if symbol is None else f"its sources lack {symbol.group(1)}"
 
 
 def bundle_hash_of(sources: Mapping[str, bytes]) -> int:
-    """Return the short hash of the bundle in an ECU's settings; raise LibraryError if the settings state none."""
+    """Return the short hash of the bundle in an ECU's settings; raise LibraryError if the settings have no hash."""
     found = _BUNDLE_HASH.search(sources.get(c_settings.HEADER, b""))
     if found is None:
-        raise LibraryError(f"{c_settings.HEADER}: SW_BUNDLE_HASH is missing: it is not a header of an ECU's settings")
+        raise LibraryError(f"{c_settings.HEADER}: SW_BUNDLE_HASH is missing, so this is no header of an ECU's settings")
     return int(found.group(1), 16)
 
 
@@ -189,7 +189,7 @@ def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes
         raise LibraryError(f"library {folder}: it has only the control step and no ECU; export it again")
     check = config.ecu.sensor_check
     if bundle.manifest.sensor_estimator is None and check.enabled:
-        # If the release has no estimator, the ECU in Python does not do this check either.
+        # As in the ECU in Python, a release without an estimator has no sensor check.
         config = replace(config, ecu=replace(config.ecu, sensor_check=replace(check, enabled=False)))
     elif check.enabled and _ESTIMATOR not in sources:
         raise LibraryError(f"library {folder}: it has no sensor estimator; export it again, or switch off sensor_check")

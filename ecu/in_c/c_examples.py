@@ -1,4 +1,4 @@
-"""Tables for the examples of the C library: frames with the pressures and the speed of a vehicle, as C arrays."""
+"""The tables for the C library's examples: frames with a vehicle's pressures and speed, as C arrays."""
 
 from typing import Final
 
@@ -21,8 +21,8 @@ ASKED_FROM: Final = 5
 
 
 def played_pressures(rows: Array, config: Config) -> bytes:
-    """Return `pressures.h`. It has two protected frames for each of the first `MOST_PERIODS` rows: the pressures, in
-    their range, and the design speed. The rows, (n, S + any), begin with Cp at the S sensors of the bus."""
+    """Return `pressures.h`, with two protected frames for each of the first `MOST_PERIODS` rows: one has the pressures,
+    limited to their range, the other the design speed. The rows, (n, S + any), begin with Cp at the bus's S sensors."""
     messages = message_set(config.bus)
     message, limit_pa = messages.pressure, messages.pressure_limit_pa
     sender, dynamic_pressure = E2eSender(message.spec), config.operating_point.dynamic_pressure

@@ -1,4 +1,4 @@
-"""A release as an image, which the ECU in C runs instead of the release that was compiled in (`sw_image.h`)."""
+"""The image of a release: the ECU in C runs it instead of the release that was compiled in (`sw_image.h`)."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -42,7 +42,7 @@ def controller_image(
         if name not in files:
             raise LibraryError(f"no image: {name} is missing, so the library has no ECU in C")
     if ProgramSettings.of(files).text("SW_PROGRAM_SHA256") != manifest.program_sha256:
-        raise LibraryError(f"no image: the library is not of the program of bundle {manifest.name!r}")
+        raise LibraryError(f"no image: the library does not belong to the program of bundle {manifest.name!r}")
     point, layout = manifest.operating_point, sha256_of(layout_of(files))
     facts = ImageFacts(
         layout=layout,

@@ -50,11 +50,11 @@ _CLASSIC_ONLY: Final = {"SW_PRESSURE_INVALID": f"({-wire.INT12_MAX - 1})", "SW_S
 _GREATEST_WEIGHTS: Final = CostWeights(**dict.fromkeys(TERMS, LARGEST_WEIGHT))
 """The largest cost weights of a calibration; the C code also allows the release's own weight if it is larger."""
 _LONGEST_PERIOD_NS: Final = 2**53
-"""Longest control period in ns. A double is exact up to this number, so the command gate is equal in both languages."""
+"""Longest control period in ns. Doubles are exact up to this number, so the command gate is equal in both languages."""
 
 
 def ecu_settings(bundle: Bundle, config: Config) -> bytes:
-    """Return `sw_ecu_settings.h` for a verified release in a vehicle. Raises BundleError if it does not fit the vehicle
+    """Return `sw_ecu_settings.h` for a verified release in a vehicle. Raises BundleError if the two do not fit
     (`ecu.fit.check_vehicle`); ConfigError if the C ECU does not support a setting; LibraryError if the settings ask for
     the sensor check, and the release has no sensor estimator."""
     check_vehicle(bundle, config)

@@ -91,7 +91,7 @@ class Structs:
         return found
 
     def frame(self, found: Any) -> Frame:
-        """Return the frame in a `sw_frame`; raise ValueError if no CAN controller could send it."""
+        """Return the frame in a `sw_frame`; raise ValueError if no CAN controller could send this frame."""
         return Frame(
             frame_id=found.id,
             data=bytes(self.ffi.buffer(found.data, found.length)),
@@ -175,12 +175,12 @@ class Structs:
         )
 
     def _verified(self, receiver: Any) -> VerifierState:
-        """Return the authentication state of a `sw_receiver`; in a library without a key, the state at power-on."""
+        """Return the authentication state of a `sw_receiver`; if the library has no key, return the power-on state."""
         return self._read(VerifierState, receiver.verifier) if self._has_key else VerifierState()
 
     def _read(self, kind: type[T], place: Any, **given: Any) -> T:
-        """Return a dataclass. A field that is not in `given` has the value of the struct's member of the same name; an
-        array is copied as float64."""
+        """Return a dataclass of the type `kind`. A field that is not in `given` gets the value of the member of `place`
+        that has the same name; an array is copied as float64."""
         for item in fields(kind):  # type: ignore[arg-type]  # any dataclass
             if item.name not in given:
                 value = getattr(place, item.name)
@@ -197,7 +197,7 @@ class Structs:
         return np.frombuffer(self.ffi.buffer(member), dtype=_NUMBERS[kind.cname]).astype(np.float64).reshape(shape)
 
     def set_state(self, pointer: Any, value: EcuState) -> None:
-        """Fill in a `sw_ecu_state`; counts saturate, and a library without a key has no state of authentication."""
+        """Fill in a `sw_ecu_state`. Counts saturate. A library without a key has no state of authentication."""
         self.ffi.buffer(pointer)[:] = bytes(self.ffi.sizeof("sw_ecu_state"))
         state, memory, sensors = pointer[0], value.memory, value.sensors
         self._fill(
@@ -237,8 +237,8 @@ class Structs:
                 self._fill(state.speed.air, value.speed.air)
 
     def _fill(self, place: Any, value: Any, **given: Any) -> None:
-        """Fill in those members of a struct that have the name of a field of a dataclass, or are given. Nothing is
-        written for None or into a struct in it. A count or a time out of C's range is replaced by the nearest one."""
+        """Write the fields of a dataclass, and the values in `given`, into the members of a struct with the same names.
+        Omit values that are None and members that are structs. Limit a count or a time to its range in C."""
         values = {item.name: getattr(value, item.name) for item in fields(value)} | given
         for name, member in self.ffi.typeof(place).fields:
             content = values.get(name)
@@ -265,7 +265,7 @@ class Structs:
             self._fill(receiver.verifier, verifier)
 
     def leaves(self, kind: Any, name: str = "", offset: int = 0) -> Iterator[Leaf]:
-        """Yield the numbers, and arrays of numbers, of a struct, of which cffi's type is `kind`."""
+        """Yield the numbers and the arrays of numbers in a struct; `kind` is the struct's type in cffi."""
         if kind.kind == "array" and kind.item.kind == "struct":
             size = self.ffi.sizeof(kind.item)
             for index in range(kind.length):
@@ -277,7 +277,7 @@ class Structs:
             yield Leaf(name, offset, offset + self.ffi.sizeof(kind), kind)
 
     def differing(self, found: Any, expected: EcuState) -> list[str]:
-        """Return the names of the numbers in which a `sw_ecu_state` differs from a state, bit for bit."""
+        """Return the names of the numbers that differ between a `sw_ecu_state` and `expected`, bit for bit."""
         place = self.ffi.new("sw_ecu_state *")
         self.set_state(place, expected)
         one, other = (bytes(self.ffi.buffer(self.ffi.addressof(item))) for item in (found, place[0]))
@@ -309,6 +309,6 @@ def _received(receiver: Any) -> ReceiverState:
 
 
 def c_time(value: int) -> int:
-    """Return a time in the range of C: the nearest one, if the time is out of this range because the clock is wrong."""
+    """Limit a time to the range of times in C; only a wrong clock gives a time outside this range."""
     least, most = _RANGES["int64_t"]
     return max(least, min(value, most))

@@ -1,4 +1,4 @@
-"""C compilers: the host's compiler, the compiler in the `ziglang` package, and one way to call any of them."""
+"""The C compilers of the host and of the `ziglang` package, and functions that call any of them."""
 
 import importlib.util
 import os
@@ -35,7 +35,7 @@ def host_compiler() -> list[str]:
 
 
 def zig_compiler() -> list[str] | None:
-    """Return the command of `ziglang`'s compiler, which also compiles for other processors; None without it."""
+    """Return the command of `ziglang`'s compiler, which can compile for other processors; None if not installed."""
     return None if importlib.util.find_spec("ziglang") is None else [sys.executable, "-m", "ziglang", "cc"]
 
 

@@ -167,11 +167,11 @@ def check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> st
     if program != manifest.program_sha256:
         raise LibraryError(
             f"library {folder}: it computes program {program[:12]}, but bundle {manifest.name!r} has program "
-            f"{manifest.program_sha256[:12]}; one `stillwake export --c` must write both"
+            f"{manifest.program_sha256[:12]}; write library and bundle with one `stillwake export --c`"
         )
     expected = [manifest.window, manifest.mpc.horizon, " ".join(manifest.sensors), len(manifest.sensors)]
     if sizes != [str(size) for size in expected]:
-        raise LibraryError(f"library {folder}: {PROGRAM_SETTINGS} was altered: its sizes are not those of the program")
+        raise LibraryError(f"library {folder}: {PROGRAM_SETTINGS} was altered: its sizes are not the program's sizes")
     if dbc != dbc_sha256():
         raise LibraryError(f"library {folder}: built for another stillwake.dbc")
     return precision

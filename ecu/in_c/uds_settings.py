@@ -86,7 +86,7 @@ def _of_xcp() -> dict[str, int]:
     numbers |= {item.name: item.value for item in xcp.Command}
     numbers |= {f"ERROR_{item.name}": item.value for item in xcp.Error}
     numbers |= {
-        # This number states that a command had no error; it is not the number of an error.
+        # A command without an error has this number instead of the number of an error.
         "DONE": 0xFF,
         "SEED_LENGTH": xcp.XCP_SEED_LENGTH,
         "CONNECT_BYTES": xcp.Command.CONNECT.shortest,

@@ -1,1 +1,1 @@
-"""The means to run a control period on a computer's own clock: deadlines, sleeping, privileges, and times of stages."""
+"""The tools to run control periods by a computer's own clock: deadlines, sleep, privileges, and times of stages."""

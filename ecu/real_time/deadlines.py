@@ -51,7 +51,7 @@ class Deadlines:
         )
 
     def slewed(self, target_ns: int) -> Self:
-        """Return the deadline moved to the phase of `target_ns`, the shorter way, by at most period / LARGEST_SLEW."""
+        """Return the deadline moved to the nearest phase of `target_ns`, by at most period / LARGEST_SLEW."""
         most = self.period_ns // LARGEST_SLEW
         error_ns = wrapped(target_ns - self.due_ns, self.period_ns)
         return replace(self, due_ns=self.due_ns + min(max(error_ns, -most), most))
@@ -68,7 +68,7 @@ class Arrivals:
         return replace(self, latest_ns=(*self.latest_ns, arrival_ns)[-REMEMBERED:])
 
     def forgotten(self) -> Self:
-        """Return no arrivals, because the next frames come from another sender or from a sender that was restarted."""
+        """Return an empty `Arrivals`, for use when the sender has restarted or another sender takes its place."""
         return replace(self, latest_ns=())
 
     @property

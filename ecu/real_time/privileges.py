@@ -1,4 +1,4 @@
-"""Privileges that a process with deadlines requests from the system. A privilege that is refused is reported."""
+"""The privileges that a process with deadlines requests from the system. A refused privilege is reported."""
 
 import ctypes
 import gc
@@ -66,8 +66,8 @@ def stay_ordinary() -> None:
 
 
 def step_back() -> None:
-    """Give this thread the lowest real-time priority, if it was started with a real-time priority. Any process could
-    interrupt an ordinary thread that holds the interpreter's lock, and the control loop would have to wait."""
+    """Give this thread the lowest real-time priority, if it was started with a real-time priority. With an ordinary
+    priority, any process could interrupt it while it holds the interpreter's lock, and so delay the control loop."""
     if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(LOWEST_PRIORITY))
 
@@ -108,7 +108,7 @@ def _timer_slack(undo: ExitStack) -> None:
 def _lock_memory(undo: ExitStack) -> None:
     _call("mlockall", _MCL_CURRENT)
     undo.callback(_call, "munlockall")
-    # If memory is limited, later allocations could exceed the limit and fail.
+    # If the locked memory is limited, later allocations are not locked, because they could exceed the limit and fail.
     if os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         _call("mlockall", _MCL_CURRENT | _MCL_FUTURE)
 

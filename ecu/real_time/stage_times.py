@@ -90,13 +90,13 @@ class StageTimes:
         self._row[stage] = value
 
     def rows(self) -> NDArray[np.int64]:
-        """Return the rows of all periods that are still in the table, oldest first: (rows, stages)."""
+        """Return the rows of all periods that are still in the table, oldest first, in the shape (rows, stages)."""
         if self._begun <= len(self._table):
             return self._table[: self._begun].copy()
         return np.roll(self._table, -(self._begun % len(self._table)), axis=0)
 
     def save(self, path: Path) -> None:
-        """Write an .npz file with `columns`, the names of the stages, and `rows`. Raises StillwakeError on failure."""
+        """Write the stages' names as `columns`, and `rows`, to an .npz file. Raises StillwakeError on failure."""
         with replacing(path) as temporary, temporary.open("wb") as file:
             np.savez(file, columns=np.array(_columns(self._stages)), rows=self.rows())
 
@@ -106,7 +106,7 @@ def _columns(stages: type[IntEnum]) -> list[str]:
 
 
 def load(path: Path, stages: type[IntEnum]) -> NDArray[np.int64]:
-    """Return the rows of a saved table, (rows, stages). Raises StillwakeError if the file is not this node's table."""
+    """Return a saved table's rows, shape (rows, stages). Raises StillwakeError if the file is not this node's table."""
     try:
         file = read_npz(path)
         columns, rows = file["columns"].tolist(), file["rows"]

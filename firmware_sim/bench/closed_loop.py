@@ -44,8 +44,8 @@ def run_closed_loop(
     **parts: Any,
 ) -> RunLog:
     """Run a wake under the bundle's controller and write the results to `output`. Raises StillwakeError if the folder
-    cannot be written, or as `Simulation` does. The other arguments are explained at `Spans`, `Simulation` and
-    `Simulation.run`.
+    cannot be written, or as `Simulation` does. `Spans`, `Simulation` and `Simulation.run` explain the arguments that
+    are not listed here.
 
     Args:
         output: run folder (`firmware_sim.runs.run_log`), created if it does not exist. An earlier run in this folder

@@ -1,4 +1,4 @@
-"""Disturbances of a run, each described by a line of text. The part after an @ is its time span, in s from the
+"""The disturbances of a run, each described by a line of text. The part after an @ is the time span, in s from the
 run's start.
 
     noise:level=0.5                        on every transducer
@@ -49,7 +49,7 @@ class NodeFault:
 
 @dataclass(frozen=True, kw_only=True)
 class WireNoise(Span, section="wire_errors"):
-    """Bit errors on the bus: CAN detects them, repeats the frame, and counts errors up to bus-off."""
+    """A span with bit errors on the bus: CAN detects them, repeats the frame, and counts errors up to bus-off."""
 
     bit_error_rate: Probability[float]
     """Probability that a bit is wrong, independent for each bit."""
@@ -71,7 +71,7 @@ class Reset(Instant, section="reset"):
 @dataclass(frozen=True, kw_only=True)
 class WrongClock(Span, section="clock"):
     """An ECU clock whose rate or time differs from the vehicle's clock. The vehicle's clock times the periods. The
-    ECU's clock also stamps received frames; at the end of the span it jumps to the correct time."""
+    ECU's clock gives the times of steps and received frames; at the span's end it jumps to the correct time."""
 
     node: Literal["ecu"] = "ecu"
     ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0
@@ -82,7 +82,7 @@ class WrongClock(Span, section="clock"):
 
 @dataclass(frozen=True, kw_only=True)
 class NoRequest(Span, section="no_request"):
-    """A span without a request for control; the new request after it clears a latched fault of the ECU."""
+    """A span without a request for control; the new request after the span clears a latched fault of the ECU."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,7 +206,7 @@ def parse_disturbance(text: str) -> Disturbance:
 
 @dataclass(frozen=True, kw_only=True)
 class Disturbances:
-    """All disturbances of a run. They can be compared and pickled; parsing `texts` gives an equal object.
+    """The disturbances of a run; this object can be compared and pickled. Parsing `texts` gives an equal object.
 
     Attributes:
         items: disturbances in the order given. Each has its own random sequence, numbered by its index. Disturbances of
@@ -230,7 +230,7 @@ class Disturbances:
         return next((one for one in reversed(self.items) if isinstance(one, OtherBody)), None)
 
     def plant(self, config: Config) -> Config:
-        """Return the settings of the plant: `config`, with the body that replaces the release's body."""
+        """Return `config` for the plant, with another body if a disturbance replaces the release's body."""
         other = self.other_body
         return config if other is None else replace(config, body=other.instead_of(config.body))
 
@@ -242,7 +242,7 @@ class Disturbances:
                 raise ConfigError(f"{noun} {text!r}: begins after the end of the run, at {duration_s:g} s")
             computes_crc = isinstance(span, FlipBits) and span.before_crc
             if config.bus.key and (computes_crc or (isinstance(span, StuckAt) and span.counter_runs)):
-                raise ConfigError(f"fault {text!r}: builds new frames, so it cannot run with bus.key")
+                raise ConfigError(f"fault {text!r}: builds new frames, so it cannot act with bus.key")
             for name in one.named if isinstance(one, SensorDisturbance) else ():
                 if name not in sensors:
                     used = ", ".join(sensors)

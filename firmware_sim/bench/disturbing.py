@@ -1,5 +1,5 @@
-"""The state of disturbances during a run, and their effects on the bus, ports, transducers, flow, vehicle and ECU. A
-flow whose inflow follows a vehicle's varying speed, with control and, for comparison, without control."""
+"""The state of disturbances during a run, and their effects on the bus, ports, transducers, flow, vehicle and ECU.
+The module also runs a plant whose inflow follows a drive, and the same drive without control for comparison."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -40,7 +40,7 @@ LOOK_NS: Final = 1_000_000
 
 
 class NodeFaults:
-    """Applies the faults of a run in the ports.
+    """An object that applies a run's port faults in the ports.
 
     Args:
         faults: faults of all nodes; the first fault of a node is closest to the bus.
@@ -80,7 +80,7 @@ class NodeFaults:
     def _look(self) -> None:
         if self._ended:
             return
-        # Each call is also an event of the bus, after which the loop checks whether the ECU has received pressures.
+        # This call is also an event of the bus, after which the loop checks whether the ECU has received pressures.
         for port in self._babbling:
             port.look()
         self._bus.call_at(self._bus.now_ns + LOOK_NS, self._look)
@@ -102,12 +102,12 @@ class _Babbling(WrappedBus):
 
 
 class Disturbing:
-    """Applies all disturbances of one run.
+    """An object that applies all disturbances of one run.
 
     Args:
         sensors: names of the sensors, in the order of the readings.
-        before: numbers of random sequences that earlier disturbances use. The key "all" has the total number; a node's
-            name has the number in this node's port.
+        before: numbers of random sequences that earlier disturbances use. The value of "all" is the total number; the
+            value of a node's name is the number in that node's port.
     """
 
     def __init__(
@@ -192,7 +192,7 @@ class Disturbing:
         return enable_request and not list(self._acting(kinds.NoRequest, now_ns))
 
     def before_period(self, now_ns: int, node: VehicleNode) -> None:
-        """Set the properties of the vehicle that are disturbed in the period that starts now."""
+        """Set the vehicle's properties that disturbances change in the period that starts now."""
         full = self._config.flow.action_limit
         point, limit, stuck_at = self._config.operating_point, full, None
         for _, vehicle in self._acting(kinds.VehiclePoint, now_ns):
@@ -259,7 +259,7 @@ class Disturbing:
         try:
             yield
         except BaseException:
-            # A plant that failed may refuse another viscosity; the user needs the first error.
+            # A failed plant may refuse the old viscosity; the user needs the first error, so the second is suppressed.
             with suppress(PlantError):
                 restore()
             raise

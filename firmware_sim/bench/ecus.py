@@ -12,7 +12,7 @@ from ecu.stepped import LoopEcu
 
 C: Final = "c"
 MCU: Final = "mcu"
-"""Name of the option for the ECU whose whole firmware runs on an emulated board with a Cortex-M7."""
+"""Name of the option with which the ECU's whole firmware runs on an emulated board with a Cortex-M7."""
 CLOCKS_MHZ: Final = (1.0, 10_000.0)
 """Range of accepted clock rates. At lower rates a control step takes seconds; no core has a higher rate."""
 

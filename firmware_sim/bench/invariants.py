@@ -1,4 +1,4 @@
-"""Invariants of every control period under any disturbance, checked with only the frames and the plant.
+"""The invariants of every control period under any disturbance; their checks use only the frames and the plant.
 
 On the bus, for every JetCommand that the ECU sends:
 
@@ -63,7 +63,7 @@ ROUNDING: Final = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Violation:
-    """One violation of an invariant: `period` counts from 0, `detail` has the values that violate the invariant."""
+    """A violation of an invariant: `period` counts from 0, `detail` has the values that violate the invariant."""
 
     period: int
     invariant: str
@@ -81,8 +81,8 @@ class HeardCommand(NamedTuple):
 
 
 class _Period(NamedTuple):
-    """The commands of a period. drives: a command may drive the jets. old: a command would do so, but its pressures are
-    too old. shuts: no command may drive the jets, and the vehicle certainly accepted the last command."""
+    """The commands of a period. drives: a command may drive the jets. old: a command's pressures are too old for this.
+    shuts: no command may drive the jets, and the vehicle certainly accepted the last command."""
 
     drives: bool
     old: bool
@@ -90,7 +90,7 @@ class _Period(NamedTuple):
 
 
 class Commands:
-    """Checks of an ECU's commanded flow rates; `bus_shut` is the part of `bus_bounds` about modes and `Enable`."""
+    """The checks of an ECU's commanded flow rates; `bus_shut` is the part of `bus_bounds` for modes and `Enable`."""
 
     def __init__(self, config: Config) -> None:
         scale = config.operating_point.flow_rate_scale
@@ -102,8 +102,8 @@ class Commands:
         return self._step * share + FLOW_RESOLUTION_M2_PER_S
 
     def broken(self, flow: float, *, enable: bool, drives: bool, share: float = 1.0) -> Iterator[tuple[str, str]]:
-        """Yield the name of every invariant that the next command violates, with values. The part `share` of a period,
-        at most 1, has passed since the previous command."""
+        """Yield name and values of each invariant that the next command violates. `share`, at most 1, is the part of a
+        period since the previous command."""
         before, self.flow = self.flow, flow
         if abs(flow) > self._limit + ROUNDING:
             yield "bus_bounds", f"{flow:g} m2/s, limit {self._limit:g}"
@@ -115,8 +115,8 @@ class Commands:
 
 
 class Jets:
-    """Checks of the vehicle's jets. At the end of each period call `heard`, then `broken` with the action reached.
-    `oldest` is the largest allowed age of a driving command's pressures, in periods."""
+    """The checks of the vehicle's jets. At the end of each period call `heard`, then `broken` with the action reached.
+    `oldest` is the largest allowed age, in periods, of the pressures of a command that drives the jets."""
 
     def __init__(self, config: Config) -> None:
         vehicle, self._e2e_window = config.vehicle, config.bus.e2e.window
@@ -133,7 +133,7 @@ class Jets:
         self._heard: deque[_Period] = deque(maxlen=self._decides_after + self._hold + 1)
         self._requested: deque[bool] = deque(maxlen=1 + self._late)
         self._gave_up: deque[bool] = deque([False], maxlen=1 + self._late)
-        self._silent: deque[bool] = deque(maxlen=self._loss_window)  # in each period surely under control: no command
+        self._silent: deque[bool] = deque(maxlen=self._loss_window)  # for each period surely under control: no command
         self._counter: int | None = None
         self._sound = 0  # consecutive periods with only the expected command
         self._action = 0.0
@@ -163,7 +163,7 @@ class Jets:
         self._gave_up.append(requested and (self._gave_up[-1] or sum(self._silent) >= self._loss_limit))
 
     def broken(self, action: float) -> Iterator[tuple[str, str]]:
-        """Yield the name of every invariant that the action at the end of the latest period violates, with values."""
+        """Yield name and values of each invariant that the action at the latest period's end violates."""
         before, self._action = self._action, action
         if not self._heard:
             return
@@ -250,7 +250,7 @@ class Invariants:
             self._low_heard |= not pressure.enable_request
 
     def period(self, sample: Sample, *, requested: bool) -> None:
-        """End a control period: the sample at its start, and whether the vehicle requested control in it."""
+        """End a control period. `sample` is from its start; `requested` is whether the vehicle requested control."""
         self.finished(sample)
         frames, self._arrived = self._arrived, []
         self._jets.heard([self._read(frame) for frame in frames], requested=requested)
@@ -308,7 +308,7 @@ class Invariants:
 
 
 def parsed(message: Message[T], frame: Frame) -> T | None:
-    """Return the content of a frame; None if it is another message or its end-to-end CRC does not match."""
+    """Return the content of a frame; None if the frame is another message or has a wrong end-to-end CRC."""
     spec = message.spec
     if not spec.names(frame) or len(frame.data) != spec.length:
         return None

@@ -1,4 +1,4 @@
-"""Faults of the transducers' readings: their descriptions, and the functions that apply them.
+"""The faults of the transducers' readings: their descriptions, and the functions that apply the faults.
 
 The function of a fault is called in the order of time with readings in Cp at the S sensors, either one frame, shape
 (S,), or n frames, shape (n, S). It returns the faulty readings and leaves its argument unchanged. The function counts
@@ -38,12 +38,12 @@ class SensorDisturbance(Span, ABC, section="sensor_disturbance"):
 
     @abstractmethod
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
-        """Return a function, as described above, that applies the fault to the readings at the indices `at`."""
+        """Return a function that applies the fault to the readings at the indices `at`, as the module describes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Noise(SensorDisturbance, section="noise"):
-    """Independent white Gaussian noise on every sensor (paper, appendix B)."""
+    """A white Gaussian noise, independent for every sensor (paper, appendix B)."""
 
     level: NonNegative[float]
     """Standard deviation, in global deviations."""
@@ -55,7 +55,7 @@ class Noise(SensorDisturbance, section="noise"):
 
 @dataclass(frozen=True, kw_only=True)
 class Quantise(SensorDisturbance, section="quantise"):
-    """Readings that are rounded to a multiple of a step."""
+    """A rounding of all readings to a multiple of a step."""
 
     step: Positive[float]
     """Size of a step in Pa."""
@@ -134,7 +134,7 @@ class Dead(OneSensor, section="dead"):
 
 @dataclass(frozen=True, kw_only=True)
 class Swap(SensorDisturbance, section="swap"):
-    """Two sensors whose readings are exchanged."""
+    """An exchange of the readings of two sensors."""
 
     sensors: tuple[str, ...]
     """Names of the two sensors, joined by +."""

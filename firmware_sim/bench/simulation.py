@@ -1,5 +1,5 @@
-"""One run of the closed loop in virtual time, without files. The arguments are checked when the run is created; then a
-loop with bus, vehicle, ECU and disturbances is set up on a wake at time 0, and runs.
+"""A run of the closed loop in virtual time, without files. The arguments are checked when the run is created. When it
+starts, a loop with bus, vehicle, ECU and disturbances is set up on a wake at time 0.
 
 Equal arguments and an equal wake give the same run bit for bit on any machine, except for measured wall-clock times.
 """
@@ -43,7 +43,7 @@ from wake.plant.drive import Drive
 from wake.plant.protocol import LoopPlant
 
 WARM_UP_PLANS: Final = 3
-"""Number of control steps on zeros before the run, as at an ECU's boot: ONNX Runtime allocates memory at first."""
+"""Number of control steps on zeros before the run, as at an ECU's boot: ONNX Runtime's first steps allocate memory."""
 SHEDDING_TIME: Final = 5.0
 """Length in t_c of a shedding cycle of the truck's wake, from its Strouhal number of 0.2."""
 _LONGEST: Final = 1e6
@@ -53,7 +53,7 @@ CYCLES: Final = 2
 
 
 class Disturbs(Protocol):
-    """The disturbances that act on the parts of a loop, implemented by `firmware_sim.bench.disturbing.Disturbing`."""
+    """The interface of the disturbances of a loop's parts; `firmware_sim.bench.disturbing.Disturbing` implements it."""
 
     @property
     def corrupts(self) -> Corrupts | None:
@@ -75,7 +75,7 @@ class Disturbs(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class WatchedBus:
-    """A node's port whose frames an observer sees."""
+    """A node's port that shows each frame to an observer."""
 
     port: Bus
     node: str
@@ -168,7 +168,7 @@ def wire(
 
 @dataclass(frozen=True, kw_only=True)
 class Spans:
-    """Lengths of a run's spans in t_c. Raises StillwakeError if a span is negative, not finite or longer than 10^6 t_c,
+    """The lengths of a run's spans in t_c. Raises StillwakeError if a span is negative, not finite or over 10^6 t_c,
     or, with `averages`, too short for averages.
 
     Attributes:
@@ -198,7 +198,7 @@ class Spans:
             raise StillwakeError(f"{spans} leaves {left:g} t_c: {remedy}")
 
     def periods(self, control_period: float) -> tuple[int, int]:
-        """Return the numbers of periods without control and of all periods. Raises StillwakeError if one is zero."""
+        """Return the numbers of periods without control and of all periods. Raises StillwakeError for an empty span."""
         lead_in, controlled = (round(span / control_period) for span in (self.lead_in, self.controlled))
         for name, count in (("lead-in", lead_in), ("controlled", controlled)):
             if count < 1:
@@ -278,7 +278,7 @@ class Simulation:
         progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
         progress_without: Callable[[int, int], None] = lambda done, total: None,
     ) -> RunLog:
-        """Run on this wake from its present state. With a drive, first run the whole drive without control. Raises
+        """Run the loop on this wake from its present state. A drive is first run as a whole without control. Raises
         StillwakeError if the bundle is for another body, or if the wake's flow cannot be disturbed or diverges.
 
         Args:

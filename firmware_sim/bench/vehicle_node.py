@@ -42,8 +42,8 @@ _DRIVING: Final = (Mode.CONTROL, Mode.HOLD, Mode.DECAY)
 
 @dataclass(frozen=True, kw_only=True)
 class EchoTracker:
-    """An immutable record of sent Pressure frames and of the last echo. The first frame's number is its counter; each
-    later number adds the difference to the previous frame's counter.
+    """An immutable record of sent Pressure frames and of the last echo. The first frame's number is its counter;
+    from each frame to the next the number rises by the difference of the counters.
 
     Attributes:
         kept: sending times in ns of the latest frames, newest last; at most `counter_period` frames.
@@ -88,7 +88,7 @@ class EchoTracker:
 
 @dataclass(frozen=True, kw_only=True)
 class Actuation:
-    """Result of the jets' driver for one control period.
+    """The result of the jets' driver for one control period.
 
     Attributes:
         action: action at the period's end, in U_inf W.
@@ -104,8 +104,8 @@ class Actuation:
 
 
 class VehicleNode:
-    """Four transducers and the jets' driver on one CAN node. Raises ConfigError if the plant has no sensor of a given
-    name, if a name occurs twice, or if only one of `bus.key` and `authentication` is given.
+    """The four transducers and the jets' driver on one CAN node. Raises ConfigError if the plant lacks a sensor with a
+    given name, if a name occurs twice, or if only one of `bus.key` and `authentication` is given.
 
     Args:
         sensor_names: sensors of the transducers, in the order of the bundle.
@@ -148,7 +148,7 @@ class VehicleNode:
         self._freshness = Freshness() if authentication is None else authentication.freshness
         self._speed_freshness = self._freshness  # each message has its own freshness value
         self._verifier = VerifierState() if authentication is None else authentication.verifier(self._receiver.spec)
-        # Whether the command was missed, for each of the latest periods with the ECU in control.
+        # For each of the latest periods with the ECU in control: whether the command was missed.
         self._missed: deque[bool] = deque(maxlen=config.vehicle.loss_window)
         self.has_given_up = False
         self._misses = 0  # consecutive periods without a valid command
@@ -164,8 +164,8 @@ class VehicleNode:
         self.frames_sent = 0
 
     def sample(self, cp: Array, *, enable_request: bool, now_ns: int, age_ns: int = 0) -> Frame:
-        """Return the Pressure frame of the instant `now_ns`. The frame states that its pressures are `age_ns` old. `cp`
-        has the wall pressures Cp of all n sensors of the plant, shape (n,).
+        """Return the Pressure frame of the instant `now_ns`. The frame states that its pressures are `age_ns` old.
+        `cp`, shape (n,), has the wall pressures Cp at all n sensors of the plant.
 
         A pressure beyond the transducer's range saturates and is marked invalid; NaN is sent as 0. After the vehicle
         has given up control, its frames request no control until `enable_request` has been False once.
@@ -241,7 +241,7 @@ class VehicleNode:
         )
 
     def _count(self, command: JetCommand | None) -> None:
-        """Count whether a usable command was missed, while the ECU is in control."""
+        """Record whether this period lacked a usable command, if the ECU is in control."""
         if command is None or self._is_too_old(command):
             if self._missed:
                 self._missed.append(True)
@@ -258,7 +258,7 @@ class VehicleNode:
         return float(np.clip(self._in_reach_of(self._action, wanted), -self.action_limit, self.action_limit))
 
     def _in_reach_of(self, action: float, wanted: float) -> float:
-        """Return the action that the jets reach in one period from `action` towards `wanted`, by the driver's step."""
+        """Return `action` moved towards `wanted` by at most the driver's step for one period."""
         step = self._config.vehicle.action_step
         return float(np.clip(wanted, action - step, action + step))
 

@@ -159,7 +159,7 @@ class VirtualLoop(NeverCopied):
         return BusTotals(sent=sent, lost=max(sent - arrived - under_way, 0), rejected=rejected)
 
     def _pressures_came(self) -> bool:
-        """Put received frames into the ECU's inbox unless it boots; return whether pressures were among them."""
+        """Put received frames into the ECU's inbox unless the ECU boots; return whether pressures were among them."""
         received = self._at_ecu.receive_all()
         if not self.ecu_is_up:
             return False

@@ -1,1 +1,1 @@
-"""Campaigns, which run a test plan of disturbed closed-loop runs in parallel and report their results together."""
+"""The runner of campaigns: it executes a test plan of disturbed closed-loop runs in parallel and reports them."""

@@ -1,5 +1,5 @@
-"""The execution of a campaign: the missing runs are computed, and the outcome of every scenario is classified. Any
-process can execute a run, with the loop or without control, from its data."""
+"""The execution of a campaign: it computes the missing runs, and classifies the outcome of every scenario. Any process
+can execute a run, under control or without control, from the run's data."""
 
 import hashlib
 import json
@@ -50,7 +50,7 @@ _SETTINGS: Final = ("operating_point", "bus", "ecu", "vehicle", "flow.reynolds",
 PlantKey = tuple[FlowConfig, BodyConfig]
 
 MARGIN_PERIODS: Final = 2
-"""Number of periods without control that a run needs beyond the controller's window: the first frame adds no row."""
+"""Number of periods without control that a run needs in addition to the window: the first frame adds no row."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +102,7 @@ def settings_of(scenario: Scenario, config: Config) -> Config:
     for name in sorted(loaded.in_overrides):
         if not {name, name.partition(".")[0]} & set(_SETTINGS):
             raise ConfigError(
-                f"scenario {scenario.name!r}: {name}: a scenario sets {', '.join(_SETTINGS)}; give --set for all runs"
+                f"scenario {scenario.name!r}: {name}: a scenario sets {', '.join(_SETTINGS)}; use --set for all runs"
             )
     return plant
 
@@ -118,12 +118,12 @@ def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
         return _under_control(task, bundle, start) if task.controlled else _free(task, bundle, start)
     except StillwakeError as error:
         return RunOutcome(key="", failure=str(error))
-    except Exception as error:  # noqa: BLE001  (that no exception leaves the ECU is one of the things under test)
+    except Exception as error:  # noqa: BLE001  (a run also tests that the ECU raises no exception)
         return RunOutcome(key="", failure=f"{type(error).__name__}: {error}")
 
 
 def flow_disturbances(texts: Iterable[str]) -> tuple[str, ...]:
-    """Return the texts of the disturbances that act on the flow; these act in the runs without control as well."""
+    """Return the texts of the disturbances that act on the flow; these also act in the runs without control."""
     disturbances = Disturbances.parse(texts)
     return tuple(
         text
@@ -188,7 +188,7 @@ def _service(log: RunLog, broken: list[str]) -> RunService:
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
     """A campaign to run. One of its scenarios is undisturbed. A scenario may override some of the settings that all
-    runs share. `phases` runs of each scenario start at equal parts of a shedding cycle."""
+    runs share. Each scenario runs `phases` times, from starting phases spread evenly over a shedding cycle."""
 
     scenarios: tuple[Scenario, ...]
     bundle: Bundle
@@ -198,7 +198,7 @@ class Campaign:
     seed: int = 0
 
     def check(self) -> None:
-        """Check every scenario. Raises StillwakeError with the scenario's name if no run of it is possible."""
+        """Check every scenario. Raises StillwakeError with the scenario's name if a scenario cannot run."""
         period = self.config.flow.control_period
         lead_in, total = self.timing.periods(period)
         # The last sample of a run is taken at the start of its last period, one period before the end of the run.
@@ -250,7 +250,7 @@ def conduct(
     scheduler: str | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, name: None,
 ) -> Result:
-    """Compute the missing runs of a campaign, and reuse runs of an earlier call. Nothing is written before the first
+    """Compute the missing runs of a campaign; reuse the runs of an earlier call. Nothing is written before the first
     run has finished. Raises StillwakeError if the folder cannot be written, a starting state cannot be computed, or the
     workers (`contract.side_by_side.spread`) fail.
 
@@ -291,7 +291,7 @@ def conduct(
         for plant, scenario in plants.items():
             keep_states(folder, starts[plant], scenario)
         for name, outcome in reused.items():
-            # A reused run may come from a campaign that is being replaced; its file was deleted with that campaign.
+            # A reused run may be from a campaign that is being replaced; then the run's file has just been deleted.
             folder.keep(name, outcome)
 
     def finished(task: RunTask, outcome: RunOutcome) -> None:

@@ -56,7 +56,7 @@ class KeptCourse:
 
 @dataclass(frozen=True, kw_only=True)
 class MeanFigures:
-    """Means over the averaged periods; `Sample` defines the coefficients."""
+    """The means over the averaged periods; `Sample` defines the coefficients."""
 
     Cd: float
     abs_Cl: float
@@ -65,7 +65,7 @@ class MeanFigures:
 
     @classmethod
     def over(cls, course: KeptCourse, from_t: float) -> "MeanFigures":
-        """Average over the samples from `from_t` on. With and without control this is the same part of a cycle."""
+        """Average over the samples from `from_t` on; with and without control they are in the same part of a cycle."""
         kept = np.array(course.t) >= from_t - 1e-9  # allows for rounding in sums of spans
         cd, cl, action = (np.array(getattr(course, name))[kept] for name in ("Cd", "Cl", "action"))
         return cls(
@@ -78,7 +78,7 @@ class MeanFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class RunService:
-    """Counts of the ECU and the bus in a run under control.
+    """The counts of the ECU and the bus in a run under control.
 
     Attributes:
         requested: number of periods with a request for control after the controller's window was filled.
@@ -102,7 +102,7 @@ class RunService:
 @dataclass(frozen=True, kw_only=True)
 class RunOutcome:
     """The outcome of one run. `key` is the hash of everything that the run depends on. If the run did not finish,
-    `failure` is the reason, and the other fields are None. A run without control has no `service` (None)."""
+    `failure` is the reason, and the other fields are None. In a run without control, `service` is None."""
 
     key: str
     figures: MeanFigures | None = None
@@ -112,7 +112,7 @@ class RunOutcome:
 
 
 class CampaignFolder:
-    """Paths and files of one campaign."""
+    """The paths and files of one campaign."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.figures = path, path / "figures"
@@ -139,7 +139,7 @@ class CampaignFolder:
             )
 
     def claim(self, label: Mapping[str, Any]) -> None:
-        """Write the label. First delete the files of another campaign, because `check` has allowed its replacement."""
+        """Write the label. First delete the files of another campaign, whose replacement `check` has allowed."""
         if _read(self._label_file, CAMPAIGN_SCHEMA) != _plain(label):
             for folder in ("starts", "runs", "figures"):
                 shutil.rmtree(self.path / folder, ignore_errors=True)
@@ -182,12 +182,12 @@ def _read(path: Path, schema: str) -> dict[str, Any] | None:
 
 
 def _plain(label: Mapping[str, Any]) -> Any:
-    """Return the label as it would be read back after it was written as JSON."""
+    """Return the label as a reader of its JSON file gets it."""
     return json.loads(json.dumps(label))
 
 
 def phases_apart(phases: int, config: Config) -> list[int]:
-    """Return the numbers of control periods from the developed wake to the starting phases, spread over a cycle."""
+    """Return the number of control periods from the developed wake to each starting phase; the phases span a cycle."""
     cycle = 1.0 / config.forcing.base_frequency
     return [round(number * cycle / phases / config.flow.control_period) for number in range(phases)]
 
@@ -232,7 +232,7 @@ def digest_of(state: State) -> str:
 
 
 def _kept(file: Path, config: Config) -> State | None:
-    """Return the state in the file; None if the file is missing or belongs to an earlier body of the scenario."""
+    """Return the state in the file; None if the file is missing or is for another body or Reynolds number."""
     try:
         state = load_state(file)
         check_origin(state.origin, config.body, config.flow.reynolds)

@@ -1,5 +1,5 @@
-"""The judgement of a campaign, one row per scenario: safety, benefit of control, spread over the starting phases. Plan
-and results as texts for the terminal and the report, and as CSV for other programs."""
+"""The judgement of a campaign, one row per scenario: safety, benefit of control, spread over the starting phases. The
+module also writes plan and results as text for terminal and report, and as CSV for other programs."""
 
 import csv
 from collections import Counter
@@ -18,7 +18,7 @@ from firmware_sim.runs.statistics import rounded
 
 
 class Use(StrEnum):
-    """Classes of the controller's benefit under a disturbance."""
+    """The classes of the controller's benefit under a disturbance."""
 
     USEFUL = "useful"
     MARGINAL = "marginal"
@@ -42,7 +42,7 @@ class PhaseOutcomes:
 
 @dataclass(frozen=True, kw_only=True)
 class Spread:
-    """Mean, minimum and maximum over the starting phases."""
+    """The mean, minimum and maximum over the starting phases."""
 
     mean: float
     least: float

@@ -28,7 +28,7 @@ from firmware_sim.runs.metadata import leaves
 
 PAPERS_UNCONTROLLED_CD: Final = 1.051
 PAPERS_DELAYED_CD: Final = {0: 0.918, 12: 0.950}
-"""The paper's mean Cd under control, by the actuator delay in control periods that is compensated (appendix B)."""
+"""Mean Cd under control in the paper (appendix B), by the compensated delay of the actuator in control periods."""
 PAPERS_NOISE: Final = "consistent drag reduction across all tested noise levels"
 """The paper's statement on noise of 10 to 90 % of the global deviation (appendix B), without numbers."""
 BLUE: Final = "#0072B2"
@@ -91,7 +91,7 @@ def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day
 
 
 def curve(rows: Sequence[ScenarioRow], pattern: str) -> Points:
-    """Collect the scenarios whose name matches `pattern`; its group is the number. The undisturbed scenario has 0."""
+    """Collect the scenarios whose name matches `pattern`; the group is the number, 0 for the undisturbed scenario."""
     found = []
     for row in rows:
         match = re.fullmatch(pattern, row.scenario.name)

@@ -34,7 +34,7 @@ from contract.typed import read_toml, typed
 UNDISTURBED: Final = "undisturbed"
 """Name of the scenario with which all others are compared; every plan contains this scenario."""
 UNCONTROLLED: Final = "uncontrolled"
-"""Name of the runs without control in the undisturbed flow; in a scenario's flow, the scenario's name comes first."""
+"""Name of the runs without control in the undisturbed flow; in a scenario's flow, the scenario's name precedes it."""
 _NAME: Final = re.compile(r"[a-z0-9][a-z0-9_.]*")
 LONGEST_NAME: Final = 80
 """Largest number of characters of a name, which is also part of a file name."""
@@ -47,8 +47,8 @@ _SENSORS: Final = "sensors"
 
 @dataclass(frozen=True, kw_only=True)
 class Criteria:
-    """Criteria for a useful outcome. `useful` and `marginal` are the smallest drag reductions, as shares of the drag
-    reduction in the undisturbed scenario. `abs_Cl` is the largest mean |Cl| if useful, as a share of its value
+    """The criteria for a useful outcome. `useful` and `marginal` are the smallest drag reductions, as shares of the
+    drag reduction in the undisturbed scenario. `abs_Cl` is the largest mean |Cl| if useful, as a share of its value
     without control. Raises ConfigError for values that are not finite or contradict each other."""
 
     useful: float = 0.75
@@ -67,7 +67,7 @@ class Criteria:
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """One scenario of a test plan. Raises ConfigError if the name is invalid or there is no sentence.
+    """A scenario of a test plan. Raises ConfigError if the name is invalid or there is no sentence.
 
     Attributes:
         name: lower-case letters, digits, dots and underscores; unique in a plan.
@@ -95,7 +95,7 @@ class Scenario:
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Values that the texts of a plan may use: the release's sensors, its first sensor on the base, the time from the
+    """The values that a plan's texts may use: the release's sensors, its first sensor on the base, the time from the
     start of the run to the request for control, and the convective time. Times are in s."""
 
     sensors: tuple[str, ...]
@@ -111,12 +111,12 @@ def check_names(scenarios: Sequence[Scenario]) -> None:
         if (other := seen.setdefault(one.name, one)) is not one:
             raise ConfigError(f"scenario {one.name!r} occurs twice, in {other.group!r} and in {one.group!r}")
     if UNDISTURBED not in seen:
-        raise ConfigError(f"no scenario {UNDISTURBED!r}: all others are compared with it")
+        raise ConfigError(f"no scenario {UNDISTURBED!r}: all others are compared with this one")
 
 
 def selected(scenarios: Sequence[Scenario], globs: Sequence[str]) -> tuple[Scenario, ...]:
-    """Return the scenarios whose name matches a pattern, and always the undisturbed scenario, in the plan's order;
-    without patterns, return all scenarios. Raises ConfigError if a pattern matches no scenario."""
+    """Return the undisturbed scenario and the scenarios whose name matches a pattern, in the plan's order. Without
+    patterns, return all scenarios. Raises ConfigError if a pattern matches no scenario."""
     found = {UNDISTURBED}
     for glob in globs or ["*"]:
         names = {one.name for one in scenarios if fnmatchcase(one.name, glob)}

@@ -1,1 +1,1 @@
-"""FMUs for co-simulation in other tools: the ECU in C, and the plant."""
+"""The FMUs for co-simulation in other tools: one with the ECU in C, one with the plant."""

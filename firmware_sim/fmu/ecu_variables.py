@@ -129,7 +129,7 @@ def wrapper_settings(variables: Sequence[Variable], token: str, config: Config, 
 
 
 def _first_of_each(variables: Sequence[Variable]) -> dict[str, int]:
-    """Return the value references of inputs and parameters by name. A name that all sensors share has the first one."""
+    """Return the value references of inputs and parameters by name; for a name of all sensors, the first reference."""
     numbered = reversed([*enumerate(variables)])
     return {item.name.partition(".")[0]: i for i, item in numbered if item.causality in ("input", "parameter")}
 

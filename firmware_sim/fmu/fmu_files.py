@@ -1,7 +1,7 @@
 """The files of both FMUs, for any tool that imports FMI 3.0 or 2.0.
 
-The ECU in C has its compiled library and its sources. The plant has settings, a script that `pythonfmu3` runs, and a
-binary that first checks each call.
+The FMU of the ECU has the compiled C library and its sources. The FMU of the plant has settings, a script that
+`pythonfmu3` runs, and a binary that checks each call before the script gets it.
 """
 
 import hashlib
@@ -33,7 +33,7 @@ PLATFORM: Final = f"{platform.machine()}-{sys.platform}"
 """Name of this machine's platform in FMI 3.0, such as x86_64-linux."""
 WINDOWS_64: Final = "x86_64-windows"
 PLATFORMS_2: Final = {"x86_64-linux": "linux64", "x86_64-darwin": "darwin64", WINDOWS_64: "win64"}
-"""Names of platforms in FMI 2.0 by their names in FMI 3.0. All other names are equal in both."""
+"""Names of platforms in FMI 2.0 by their names in FMI 3.0, as far as they differ."""
 FLAGS: Final = ("-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-Wl,--no-undefined")
 """Flags of the compiler, without -march, because an FMU may run on other machines."""
 _FLAGS_WINDOWS: Final = ("-target", f"{WINDOWS_64}-gnu", "-O3", "-ffp-contract=off", "-shared", "-s")
@@ -116,7 +116,7 @@ _DESCRIPTION: Final = "modelDescription.xml"
 
 
 def plant_fmu(config: Config, start: Path | None = None, kind: FmuKind = WITH_SIGNALS) -> bytes:
-    """Return the FMU's file, after creating the plant once as a check. `start` is the file of the initial flow state;
+    """Create the plant once as a check, and return the FMU's file. `start` is the file of the initial flow state;
     if None, the shipped state. Raises PlantError if the start is a state of another plant, or the plant is not stable;
     LibraryError if there is no compiler, or `pythonfmu3` has no binary for this machine; ModuleNotFoundError if
     `pythonfmu3` is not installed (extra fmu)."""
@@ -140,7 +140,7 @@ def plant_fmu(config: Config, start: Path | None = None, kind: FmuKind = WITH_SI
         simulated.set("fixedInternalStepSize", repr(config.period_ns / 1e9))
         binary = f"binaries/{PLATFORM}/{simulated.get('modelIdentifier')}.so"
         if binary not in contents:
-            raise LibraryError(f"no FMU of the plant for {PLATFORM}: pythonfmu3 brings no binary for it")
+            raise LibraryError(f"no FMU of the plant for {PLATFORM}: pythonfmu3 has no binary for this platform")
         of_pythonfmu = contents.pop(binary)
         compiled = folder / "front.so"
         front = plant_fmu_sources(*kind.sources[1:]) | {_PLANT_SETTINGS: _plant_settings(about)}

@@ -1,4 +1,4 @@
-"""The kinds of FMU, and the names of these kinds, which a user writes before the name of an FMU's file."""
+"""The kinds of FMU, and the names of the kinds that a user writes before the name of an FMU's file."""
 
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -45,9 +45,9 @@ def kind_and_path(text: str, names: tuple[str, ...] = FMU_KINDS) -> tuple[FmuKin
             raise OutputError(f"{text}: {name}: must be one of {', '.join(names)}")
     kind = FmuKind(**dict.fromkeys(chosen, True))
     if kind.bus and kind.fmi2:
-        raise OutputError(f"{text}: bus and fmi2: FMI 2.0 has no bus; name only one of the two")
+        raise OutputError(f"{text}: bus and fmi2: FMI 2.0 has no bus; name only bus or fmi2")
     if kind.triggered and not kind.bus:
-        raise OutputError(f"{text}: triggered: is a kind of bus; name both")
+        raise OutputError(f"{text}: triggered: is only for a bus; name bus too")
     if path.suffix.lower() != FMU_SUFFIX:
         raise OutputError(f"{path}: must be a file ending in {FMU_SUFFIX}")
     return kind, path

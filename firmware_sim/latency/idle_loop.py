@@ -1,4 +1,4 @@
-"""The idle loop for comparison: a process that wakes at the ECU's deadlines and does nothing. It asks for
+"""The idle loop for comparison: a process that wakes at the same deadlines as the ECU and does nothing. It asks for
 real-time privileges, like the ECU.
 
     python -m firmware_sim.latency.idle_loop FILE PERIOD_NS PERIODS
@@ -24,7 +24,7 @@ from ecu.real_time.stage_times import StageTimes
 from firmware_sim.latency.stages import Times
 
 _WANTED: Final = Wanted(priority=PRIORITY + 1)
-"""Privileges with a priority one above the ECU's, so that the ECU does not delay the idle loop."""
+"""Privileges whose priority is higher by one than the ECU's priority, so that the ECU does not delay the idle loop."""
 
 
 class IdleStage(IntEnum):
@@ -53,7 +53,7 @@ def run(period_ns: int, is_stopped: Callable[[], bool], *, longest: int) -> Stag
 
 
 def lateness(rows: Times, period_ns: int) -> Array:
-    """Return the time in ns from each scheduled instant to the next wake-up, which may be after skipped periods."""
+    """Return the time in ns from each scheduled instant to the next wake-up, even if that is some periods later."""
     numbers = np.arange(rows[0, IdleStage.PERIOD], rows[-1, IdleStage.PERIOD] + 1)
     own = rows[np.searchsorted(rows[:, IdleStage.PERIOD], numbers)]
     before = own[:, IdleStage.PERIOD] - numbers
@@ -69,7 +69,7 @@ def main(arguments: Sequence[str]) -> None:
         stopped.append(number)
 
     signal.signal(signal.SIGTERM, stop)
-    # Ctrl-C in a terminal reaches all its processes; only the parent process may end this one.
+    # Ctrl-C reaches all processes of a terminal; only the parent process may end this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with taken(_WANTED) as privileges:
         sys.stdout.write(f"{in_words(privileges)}\n")

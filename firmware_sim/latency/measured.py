@@ -1,5 +1,5 @@
-"""The evaluation of one run and its report: quantiles of every stage and of the idle loop, misses, a one-line verdict,
-a budget with limits from a TOML file, rows of tables, and the page of the report folder with a figure."""
+"""The evaluation of one run: quantiles of every stage and of the idle loop, misses, and a verdict in one line. The
+module also reads a budget's limits from a TOML file, and writes tables and the report page with its figure."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, make_dataclass
@@ -28,7 +28,7 @@ COUNTS: Final = ("misses", "misses_ours")
 
 
 class Quantiles(NamedTuple):
-    """Percentiles of one stage's latency in ms, each of them a measured value; None if there are no values."""
+    """The percentiles of one stage's latency in ms. Each is a measured value, or None if there are no values."""
 
     p50: float | None
     p99: float | None
@@ -42,7 +42,7 @@ class Quantiles(NamedTuple):
         values = values_ns[~np.isnan(values_ns)]
         if not len(values):
             return cls(None, None, None, None, 0)
-        # The method gives the nearest rank: the smallest value that at least this share of the values does not exceed.
+        # The method gives the nearest rank: the smallest value with at least this share of the values at or below it.
         p50, p99, p99_9, most = np.quantile(values, [0.5, 0.99, 0.999, 1.0], method="inverted_cdf") / 1e6
         return cls(float(p50), float(p99), float(p99_9), float(most), len(values))
 

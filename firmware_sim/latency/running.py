@@ -32,7 +32,7 @@ ECU, VEHICLE, IDLE = "ecu", "vehicle", "idle"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recorded:
-    """The tables of one run, the idle loop's privileges as text, and the line of the ECU's log on its last fault."""
+    """The tables of one run, the idle loop's privileges as text, and the line in the ECU's log about the last fault."""
 
     vehicle: Times
     ecu: Times
@@ -160,7 +160,7 @@ class _Child:
 
 
 def _wait_until_ready(notified: socket.socket, child: _Child) -> None:
-    """Wait until the process is ready; raises BusError if it ends before that, or is not ready within READY_S."""
+    """Wait until the process is ready; raises BusError if it ends earlier or is not ready within READY_S."""
     deadline = time.monotonic() + READY_S
     while time.monotonic() < deadline:
         readable, _, _ = select.select([notified], [], [], 0.2)

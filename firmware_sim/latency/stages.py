@@ -57,7 +57,7 @@ class Periods:
         scheduled: sampling instants, shape (n,).
         answered: arrival of the first command computed from these or newer pressures, shape (n,); infinite if none.
         stages: latencies of each stage, shape (n,); NaN for a period without the stage.
-        stalls: for each stage, the times from the m periods that its node left out to its next occurrences, shape (m,).
+        stalls: for each stage, times from the node's m omitted periods to the stage's next occurrence, shape (m,).
         planned: number of periods with a plan from the period's pressures.
     """
 
@@ -84,9 +84,9 @@ class Periods:
 
 
 def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -> Periods:
-    """Join the tables, from the first period with a plan to the last period that has ended; a Pressure frame's E2E
-    counter repeats after `counter_period` values. Raises StillwakeError if the tables are from different runs, or there
-    was no plan.
+    """Join the tables, from the first period with a plan to the last period that has ended. The E2E counter of the
+    Pressure frames repeats after `counter_period` values. Raises StillwakeError if the tables are from different
+    runs, or there was no plan.
 
     Args:
         vehicle: k rows with the columns `VehicleStage`, shape (k, stages).
@@ -105,7 +105,7 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
     if planned[0] >= len(sent) - 1:
         raise StillwakeError("the ECU's first plan arrived in the vehicle's last period: measure for longer")
     first, last = int(sent[planned[0], VehicleStage.PERIOD]), int(sent[-1, VehicleStage.PERIOD]) - 1
-    # These are all periods, with or without a row of the vehicle. A period that was left out gets the next row.
+    # `numbers` has all periods. A period that the vehicle left out has no row of its own and uses the next row.
     numbers, own_number = np.arange(first, last + 1), sent[:, VehicleStage.PERIOD]
     row = np.searchsorted(own_number, numbers)
     instants = sent[row, VehicleStage.SCHEDULED] - (own_number[row] - numbers) * period_ns
@@ -146,7 +146,7 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
 
 
 def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_period: int) -> Index:
-    """Return the index of the latest row that was sent with each received counter before its receipt, or -1."""
+    """Return for each received counter the index of the latest row that was sent with it before the receipt, or -1."""
     own, sampled = sent[:, VehicleStage.PRESSURE_COUNTER], sent[:, VehicleStage.SAMPLED]
     newest = np.searchsorted(sampled, arrived, side="right") - 1
     back = newest - (own[newest] - counters) % counter_period
@@ -155,7 +155,7 @@ def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_perio
     wrong = known & (own[row] != counters)
     if wrong.any():
         counter = int(counters[np.argmax(wrong)])
-        raise StillwakeError(f"no pressure frame of counter {counter} was sent: the tables are of different runs")
+        raise StillwakeError(f"no pressure frame with counter {counter} was sent: the tables are from different runs")
     return np.where(known, row, -1)
 
 

@@ -1,5 +1,5 @@
-"""The live loop, without socket, process or thread. Its caller calls it for each period, passes requests to it, and
-fetches messages. With unchanged settings its rows equal a run's rows (`firmware_sim.bench.simulation`)."""
+"""The live loop, without socket, process or thread. A caller makes it run each period, passes requests to
+it, and fetches messages. With unchanged settings it computes the same rows as `firmware_sim.bench.simulation`."""
 
 import time
 from collections import deque
@@ -34,7 +34,7 @@ _SELDOM: Final = 5
 
 
 class LiveSession(NeverCopied):
-    """A loop and its viewers' settings. Raises StillwakeError if the plant or the ECU cannot be created, or if they
+    """A loop and the settings of its viewers. Raises StillwakeError if plant or ECU cannot be created, or if they
     do not fit each other, the bundle or the vehicle.
 
     Args:
@@ -151,7 +151,7 @@ class LiveSession(NeverCopied):
                 return self._clear()
             case "power_cycle":
                 if self._settings.controller == OFF:
-                    raise ConfigError("power cycle: the ECU has no supply; choose a controller to start it")
+                    raise ConfigError("power cycle: the ECU has no supply; choose a controller to start the ECU")
                 self._run.power_on()
                 self._note("set", "the ECU's supply is cut for a moment")
             case "pause":

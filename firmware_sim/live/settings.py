@@ -20,7 +20,7 @@ ECU. restart: start again from the plant's initial state."""
 
 
 def asked(request: object) -> tuple[str, Any]:
-    """Return the requested action with its value, which is a dict for set, otherwise a bool. Raises ConfigError unless
+    """Return the requested action and its value: a dict for `set`, otherwise a bool. Raises ConfigError unless
     the request has exactly one action, with a valid value."""
     if not isinstance(request, dict):
         raise ConfigError("request: must be a JSON object")
@@ -45,7 +45,7 @@ PLANTS: Final = ("wake", "recording")
 
 @dataclass(frozen=True, kw_only=True)
 class Slider:
-    """Bounds of a number that a viewer sets, and the step of its slider; any value within the bounds is accepted."""
+    """The bounds of a number that a viewer sets, and the step of its slider; each value within the bounds is valid."""
 
     least: float
     greatest: float
@@ -67,7 +67,7 @@ _SWITCHES: Final = ("enable", "babble")
 
 @dataclass(frozen=True, kw_only=True)
 class LiveSettings:
-    """Settings of the running loop; `changed` accepts the result of `asdict`.
+    """The settings of the running loop; `changed` accepts the result of `asdict`.
 
     Attributes:
         enable: whether the vehicle wants control.
@@ -160,7 +160,7 @@ def _weights(given: Any, now: Calibration, limits: CalibrationLimits) -> CostWei
 
 
 def changes(before: LiveSettings, now: LiveSettings, own: CostWeights, controllers: Mapping[str, str]) -> Iterator[str]:
-    """Yield a text for each changed setting. `own`: weights of the release; `controllers`: labels by their names."""
+    """Yield a text for each changed setting. `own` are the release's weights; `controllers` has the labels by name."""
     all_frames = "all pressure frames reach the ECU"
     percent, late = f"{100 * now.loss:g} %", f"{now.delay_ms:g} ms late"
     bias_before, bias = ((one.biased and (one.biased, one.bias)) for one in (before, now))

@@ -1,5 +1,5 @@
-"""Firmware: compilation of a C library for a bare Cortex-M7, and of its example program for this host, with `ziglang`;
-and the reader of ELF files."""
+"""The build of firmware with `ziglang`: it compiles a C library for a bare Cortex-M7, and the library's example program
+for this host. The module also reads ELF files."""
 
 import io
 import tempfile
@@ -24,7 +24,7 @@ NO_COMPILER: Final = f"the compiler is missing: {install('mcu')}"
 # C allows the contraction of operations within an expression. Contraction gives equal results on all targets that have
 # fused multiply-add.
 COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")
-# The sources already unroll the loops for which it saves time; unrolling all loops would take 21 KiB more flash. zig's
+# The sources already unroll those loops in which this saves time; unrolling all would take 21 KiB more flash. zig's
 # defaults, with frame pointers and more inlining, would take 2 KiB more flash and 3 % more time.
 BARE: Final = (
     "-target", "thumb-freestanding-eabihf", "-fno-unroll-loops", "-fomit-frame-pointer",

@@ -80,7 +80,7 @@ class BlockCounter:
         return sum(instructions for _, instructions, _ in blocks), sum(cycles for _, _, cycles in blocks)
 
     def blocks(self) -> Iterator[tuple[int, int, int]]:
-        """Yield each block that ran since `start`: address, and instructions and modelled cycles of all its runs."""
+        """Yield (address, instructions, modelled cycles) of each block that ran since `start`, summed over its runs."""
         places = np.flatnonzero(self._counts)
         found = zip(places.tolist(), self._counts[places].tolist(), self._sizes[places].tolist(), strict=True)
         for place, count, size in found:

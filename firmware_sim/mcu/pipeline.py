@@ -36,7 +36,7 @@ _FUSED: Final = ("vfm", "vfnm", "vmla", "vmls", "vnml")
 
 
 class Pipeline:
-    """A model of the cycles of `code` at `origin` on a Cortex-M7, or on a Cortex-M4 without `dual_issue`."""
+    """A model of the cycles of `code` at `origin`: on a Cortex-M7, or on a Cortex-M4 if `dual_issue` is False."""
 
     def __init__(self, code: bytes, origin: int, *, dual_issue: bool = True) -> None:
         self._code, self._origin = code, origin

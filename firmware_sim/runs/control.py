@@ -31,7 +31,7 @@ class LatchedFault:
 
 @dataclass(frozen=True, kw_only=True)
 class RunControl:
-    """Counts of the control periods in which control was requested.
+    """The counts of the control periods in which control was requested.
 
     Attributes:
         modes: number of these periods in each mode of the ECU, by the name of the mode or SKIPPED.
@@ -132,7 +132,7 @@ def _not_held(log: RunLog, found: RunControl) -> str:
 
 
 def held_while_averaged(log: RunLog, averaged: Flags) -> bool:
-    """Return whether the controller planned in all periods that `averaged` marks, shape (n,), and no fault latched."""
+    """Return whether no fault latched, and the controller planned in each period marked in `averaged`, shape (n,)."""
     return bool(planned_steps(log)[averaged].all()) and control(log).fault is None
 
 

@@ -38,7 +38,7 @@ class RunOrigin:
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """A disturbance and how often it acted: effects of a port's fault, attempts to send with bit errors, or periods."""
+    """A disturbance and its count: effects of a port's fault, attempts to send with bit errors, or else periods."""
 
     text: str
     acted: int
@@ -46,8 +46,8 @@ class InjectedFault:
 
 @dataclass(frozen=True, kw_only=True)
 class RunEcu:
-    """The ECU of a run: python, c or mcu. An emulated core also has its clock, and median and maximum of its times for
-    a step with a plan. Without a clock, the computing time is `ecu.compute_time_ms`."""
+    """The ECU of a run: python, c or mcu. For an emulated core, `modelled_ms` and `modelled_ms_max` are the median and
+    maximum time of a step with a plan. Without a clock, each step takes `ecu.compute_time_ms`."""
 
     kind: str = "python"
     clock_mhz: float | None = None

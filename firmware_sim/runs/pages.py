@@ -1,5 +1,5 @@
-"""Self-contained HTML pages, created from the templates of a package. No page loads another file, and it runs no other
-scripts than those in it."""
+"""The self-contained HTML pages, created from the templates of a package. A page loads no other file, and runs only the
+scripts that it contains."""
 
 import base64
 import hashlib

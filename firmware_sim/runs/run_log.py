@@ -77,7 +77,7 @@ COLUMNS: Final = (*_SAMPLED, "base_Cp", *_EXCHANGED)
 
 @dataclass(frozen=True, kw_only=True)
 class BusTotals:
-    """Counts of pressure frames and jet commands in the whole run."""
+    """The counts of pressure frames and jet commands in the whole run."""
 
     sent: int
     lost: int
@@ -102,12 +102,12 @@ class NodeErrors:
 
 @dataclass(frozen=True, kw_only=True)
 class BusTraffic:
-    """All traffic on the bus, including other nodes' frames.
+    """The traffic on the bus, including other nodes' frames.
 
     Attributes:
         load: share of the time in which the bus was not free, 0 to 1.
         error_frames: number of attempts to send that were destroyed by an error, or that no node acknowledged.
-        longest_wait_ms: longest time from the send queue to the successful transmission, by name of our message.
+        longest_wait_ms: longest time from the send queue to the successful transmission, by name of the message.
     """
 
     load: float
@@ -228,7 +228,7 @@ def _check(log: RunLog) -> None:
         if not np.isfinite(log.series[name]).all():
             raise ValueError(f"{name!r} must hold finite numbers")
     if not len(t) or (np.diff(t) <= 0.0).any():
-        raise ValueError("'t' must rise")
+        raise ValueError("'t' must increase")
     if not 0 <= log.enabled_at <= len(t):
         raise ValueError(f"enabled_at = {log.enabled_at}: must be a row from 0 to {len(t)}")
     for name, kind in (("mode", Mode), ("reason", Reason)):

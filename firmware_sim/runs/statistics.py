@@ -1,4 +1,4 @@
-"""Figures of a run: averages without and with control, totals of a drive, and the computing time of the ECU's steps.
+"""The figures of a run: averages without and with control, totals of a drive, and computing time of the ECU's steps.
 
 Averages are over whole shedding cycles (`wake.truck.averages`). Before control, the lift's zero crossings separate the
 cycles. Under control, as many cycles of this mean length count as fit between settling time and last sample.
@@ -26,7 +26,7 @@ _ROUNDING: Final = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Regime:
-    """Time averages over `cycles` cycles in a part of a run; `duration` in t_c, coefficients as in `DragLedger`."""
+    """The averages over `cycles` cycles of a run. `duration` is in t_c; `DragLedger` defines the coefficients."""
 
     cycles: int
     duration: float
@@ -44,7 +44,7 @@ class Regime:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Averages:
-    """Averages of a run before and under control. `averaged`, shape (n,), marks the periods that count for `under`."""
+    """The averages of a run before and under control. `averaged`, shape (n,), marks the periods counted in `under`."""
 
     before: Regime
     under: Regime
@@ -64,7 +64,7 @@ class NoAverages:
 
 @dataclass(frozen=True, kw_only=True)
 class Latency:
-    """Wall-clock times in ms of the ECU's steps with a plan; `over_budget` steps exceeded the bundle's budget."""
+    """The wall-clock times in ms of the ECU's steps with a plan; `over_budget` steps exceeded the bundle's budget."""
 
     p50: float
     p90: float
@@ -75,7 +75,7 @@ class Latency:
 
 
 def averages(log: RunLog) -> Averages | NoAverages:
-    """Compute the averages up to the request for control, and from the end of the settling time on."""
+    """Compute two averages: up to the request for control, and from the end of the settling time on."""
     if not log.metadata.averages:
         return NoAverages("No averages were requested.")
     if log.metadata.drive is not None:
@@ -150,12 +150,12 @@ def rounded(value: float | None) -> float | None:
 
 
 _SLOW: Final = 0.1
-"""Share of the design speed below which |Cl|, in units of the present dynamic pressure, is not counted."""
+"""Share of the design speed. At lower speeds |Cl| in units of the present dynamic pressure is not counted."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriveTotals:
-    """Totals of a drive, from the end of the settling time after the request for control to the end of the drive.
+    """The totals of a drive, from the end of the settling time after the request for control to the end of the drive.
     Energies are in kJ per km of road for each metre of the vehicle's height. Such an energy equals the mean force along
     the road in N per metre of height.
 

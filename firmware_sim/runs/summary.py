@@ -75,7 +75,7 @@ def _drive_rows(drive: DriveTotals) -> list[tuple[str, str, str]]:
 def service_rows(log: RunLog) -> list[tuple[str, str]]:
     """Return (quantity, value) as text for each row about the bus and the ECU."""
     run, timing, longest, delay = log.metadata, latency(log), sample_to_jets_ms(log), actuator_delay_ms(log)
-    # The time of the emulator is not compared with the core's budget.
+    # The emulation's own time is not compared with the core's budget.
     on_this_machine = [("emulating a step on this machine, p50 / p90 / p99 / max", _measured(timing))]
     if run.ecu.clock_mhz is None:
         within = f"within {run.budget_ms:g} ms in {timing.steps - timing.over_budget}"

@@ -46,7 +46,7 @@ class Scene:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WakeStills:
-    """Stills of a run.
+    """The stills of a run.
 
     Attributes:
         k: number of the period at whose start each of the n stills was taken, shape (n,), increasing.
@@ -120,9 +120,9 @@ def load(path: Path, log: RunLog) -> WakeStills:
 def _check(wake: WakeStills, total: int, log: RunLog) -> None:
     count = len(wake.stills)
     if not count or wake.k.shape != (count,) or wake.t.shape != (count,):
-        raise ValueError(f"{count} stills at {len(wake.k)} periods")
+        raise ValueError(f"{count} stills for {len(wake.k)} periods")
     if sum(map(len, wake.stills)) != total:
-        raise ValueError("the stills have another size than their part of the file")
+        raise ValueError("the sizes of the stills do not add up to the size of their data")
     times = log.series["t"]
     if wake.k[0] < 0 or wake.k[-1] >= len(times) or (np.diff(wake.k) <= 0).any():
         raise ValueError(f"the periods of the stills must increase and be in 0..{len(times) - 1}")

@@ -34,7 +34,7 @@ shipped controller acts as on the default grid (docs/explanation/solver.md)."""
 
 
 class Speed(NamedTuple):
-    """Computing time that a plant needs on this machine: median and longest wall time of a control period."""
+    """The computing time that a plant needs on this machine: median and longest wall time of a control period."""
 
     typical_ms: float
     worst_ms: float
@@ -93,7 +93,7 @@ class LiveWake(NeverCopied):
         drive: Drive | None = None,
     ) -> None:
         self.layout = layout_of(config.body)
-        # The process is spawned, not forked: a fork would also copy locks that threads of this process may have locked.
+        # The process is spawned, not forked: a fork would also copy locks that this process's threads hold.
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_run, args=(theirs, config, start, drive), name="live-wake", daemon=True)
@@ -110,7 +110,7 @@ class LiveWake(NeverCopied):
         self._is_busy = False
 
     def sampled(self) -> Array | None:
-        """See `Pressures`. Raises PlantError if the flow diverged or the process ended."""
+        """Return Cp as `Pressures` does; raise PlantError if the flow diverged or the process ended."""
         if self._is_busy and not self._pipe.poll():
             return None
         if self._is_busy:

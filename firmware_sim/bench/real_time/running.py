@@ -32,7 +32,7 @@ WRITTEN_EVERY: Final = 500
 
 @dataclass(frozen=True, kw_only=True)
 class Course:
-    """Length, drive and files of a run.
+    """The length, drive and files of a run.
 
     Attributes:
         periods: number of periods; None for an endless run.
@@ -70,7 +70,7 @@ def run_vehicle(
     enable_from = None if course.enable_after_s is None else round(course.enable_after_s * 1e9 / config.period_ns)
     times = None if course.stage_times is None else StageTimes(VehicleStage, course.periods or USUAL_PERIODS)
     bus.receive_all()  # drops the frames that arrived before the run
-    # A frame counts as arrived when the receive thread reads it, so its wait in the kernel is part of the transmission.
+    # A frame arrives when the receive thread reads it, so its wait in the kernel counts as a part of its transmission.
     inbox = Inbox(lambda frame: clock.now_ns(), room=_ROOM)
     with ExitStack() as stack:
         report(f"real time: {in_words(stack.enter_context(taken(course.wanted)))}")
@@ -122,5 +122,5 @@ def _node(
         store = FreshnessStore(course.freshness, every=1)
         authentication = store.begin(read_key(Path(config.bus.key)))
     elif course.freshness is not None:
-        raise ConfigError(f"--freshness {course.freshness}: needs a key, and bus.key is empty")
+        raise ConfigError(f"--freshness {course.freshness}: needs a key, but bus.key is empty")
     return store, VehicleNode(sensors, config, pressures.layout, authentication)

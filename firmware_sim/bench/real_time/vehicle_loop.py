@@ -1,5 +1,5 @@
 """A vehicle in real time: at every sampling instant it sends the pressures, and its jets follow the latest command. The
-pressures are from a recording or a live wake. The memory of its counts does not grow with the length of the run.
+pressures are from a recording or a live wake. The memory for the counts does not grow with the length of the run.
 
 Period k begins at the absolute instant t_k. A frame that arrived before t_k belongs to period k - 1, even if this
 process woke late. The jets' driver, `VehicleNode`, makes the same checks as in virtual time, because the checks count
@@ -37,7 +37,7 @@ UNSENT_LIMIT: Final = 50
 FAREWELL: Final = 3
 """Number of frames without a request at the end of a run: one more than the number of losses that the ECU tolerates."""
 LONGEST_FAREWELL: Final = 10
-"""Largest number of periods in which these frames are sent. In some periods the live wake may have no pressures."""
+"""Largest number of periods for sending the `FAREWELL` frames: in some periods the live wake may have no pressures."""
 RESOLUTION_NS: Final = 10_000
 LONGEST_NS: Final = 2_000_000_000
 """Longest time in ns that is counted exactly; a longer time is counted as this time."""
@@ -57,8 +57,8 @@ class Pressures(Protocol):
 
 
 class Replay:
-    """Recorded pressures, one row per period. They do not respond to the jets; after the last row the recording starts
-    again, and the pressures jump. Raises DatasetError if the episode does not exist.
+    """A replay of recorded pressures, one row per period, which do not respond to the jets. After the last row the
+    replay starts from the first row, and the pressures jump. Raises DatasetError if the episode does not exist.
 
     Args:
         episode: name of the episode; if None, the first episode without a controller, preferably without jets.
@@ -108,7 +108,7 @@ class Durations:
 
 @dataclass(kw_only=True, eq=False)
 class VehicleFigures:
-    """Counts of one run.
+    """The counts of one run.
 
     Attributes:
         left_out: periods that the vehicle did not start, because it was late by at least half a period.
@@ -276,7 +276,7 @@ class VehicleLoop:
             self.figures.unsent += is_noted
             self._unsent_in_a_row += 1
             if self._unsent_in_a_row >= UNSENT_LIMIT:
-                raise BusError(f"{error}; nor were the {UNSENT_LIMIT - 1} before it") from error
+                raise BusError(f"{error}; {UNSENT_LIMIT - 1} earlier frames were not sent either") from error
             return False
         if is_noted:
             self._note(VehicleStage.SAMPLED, sampled_ns)

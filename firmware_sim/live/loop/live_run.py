@@ -1,4 +1,4 @@
-"""One run of the live loop, which starts in the plant's initial state and is computed period by period."""
+"""A run of the live loop. It starts in the plant's initial state and is computed period by period."""
 
 import struct
 from collections import deque
@@ -64,7 +64,7 @@ class ControlRequest:
         return self.rearming
 
     def begins(self, k: int) -> bool:
-        """If the lead-in is over in period k, end it and request control; return whether it ended in this period."""
+        """End the lead-in and request control if period k is after the lead-in; return whether this call did so."""
         if not (self.waits and k >= self.lead_in):
             return False
         self.wanted, self.waits = True, False
@@ -93,7 +93,7 @@ class ControlRequest:
 
 
 class DragMeans:
-    """The mean drag in one run of the loop, from the latest samples, one per `control_period` (in t_c).
+    """The mean drag in one run of the loop, from the latest samples; `control_period` is their distance in t_c.
 
     Attributes:
         uncontrolled: mean Cd over the whole shedding cycles before the first request for control; None without one.
@@ -123,7 +123,7 @@ class DragMeans:
         needed = int(1.0 / (self._frequency * self._period)) + 3
         latest = np.array([self._samples[at] for at in range(-min(needed, len(self._samples)), 0)], dtype=float)
         try:
-            # The stored samples are shorter than two shedding cycles, so the average is over one cycle.
+            # The stored samples span less than two shedding cycles, so the average is over one cycle.
             self.now = float(over_last_cycles(latest[:, 0], self._frequency).mean(latest[:, 1]))
         except PlantError:
             self.now = None
@@ -143,15 +143,15 @@ _AVERAGES_EVERY: Final = 5
 
 
 def pack_field(k: int, t: float, levels: Levels) -> bytes:
-    """Pack the flow at the start of period k, at time t in t_c, little-endian: k (uint32), t (float32), width, height
-    (uint16), then rows of levels (int8), which `wake.pictures.fields` explains."""
+    """Pack the flow at the start of period k as little-endian bytes: k (uint32), the time t in t_c (float32), width and
+    height (uint16), then rows of levels (int8). `wake.pictures.fields` explains the levels."""
     height, width = levels.shape
     return struct.pack("<IfHH", k, t, width, height) + levels.tobytes()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LivePeriod:
-    """One control period; `is_planned`: the ECU's step had a plan."""
+    """A control period; `is_planned` is whether the ECU's step had a plan."""
 
     k: int
     row: Row
@@ -169,7 +169,7 @@ class LiveRun:
 
     Attributes:
         k: number of the next period; each period lasts `period_ns` in virtual time.
-        levels: maker of the pictures; None for a plant without a flow field.
+        levels: object that makes the pictures; None for a plant without a flow field.
         picture: flow at the start of the latest period, packed; None for a plant without a flow field.
         latest, state: the latest period and the ECU's state after it; `latest` is None before the first period.
     """
@@ -228,7 +228,7 @@ class LiveRun:
 
     def help(self) -> bool:
         """Clear latched faults with a new request for control. Do the same in the next periods, because earlier
-        disturbances may still latch faults there. Restart an ECU that has excluded a sensor. Return whether the
+        disturbances may latch further faults then. Restart an ECU that has excluded a sensor. Return whether the
         request was withdrawn."""
         if self.state.sensors.set_aside is not None and not self.is_off:
             self.power_on()

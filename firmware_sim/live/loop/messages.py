@@ -26,7 +26,7 @@ PERIOD_COLUMNS: Final = (
 """Columns of `periods`: fields of `firmware_sim.runs.run_log.Row`, the period's number, and the request for control."""
 
 KEPT_PERIODS: Final = 3000
-"""Number of latest periods that a page should store; session and server store as many for it."""
+"""Number of latest periods that a page should store; session and server store the same number."""
 
 LiveMessage = dict[str, Any]
 Request = dict[str, Any]

@@ -1,4 +1,4 @@
-"""Texts for viewers about changes of the ECU, the vehicle and the bus between two periods, and a log of events."""
+"""The texts for viewers about changes of ECU, vehicle and bus between two periods, and a log of events."""
 
 from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
@@ -91,7 +91,7 @@ _NODE: Final[Mapping[BusState, str]] = {
 KEPT: Final = 500
 """Largest number of events stored until they are fetched."""
 QUIET_S: Final = 1.0
-"""Time in s in which repetitions of an event are only counted. Then one event states the count; the time doubles."""
+"""Time in s after an event in which repetitions are only counted. Then an event states the count; the time doubles."""
 _LONGEST_S: Final = 16.0
 
 
@@ -103,7 +103,7 @@ class _Repeated(NamedTuple):
 
 
 class EventLog:
-    """Events of a session, numbered consecutively over all runs of the loop."""
+    """The events of a session, numbered consecutively over all runs of the loop."""
 
     def __init__(self) -> None:
         self._new: list[LiveMessage] = []
@@ -120,7 +120,7 @@ class EventLog:
         self._publish(kind, text, time_s, t)
 
     def pass_to(self, time_s: float, t: float) -> None:
-        """Advance the time; for each event whose counting time has ended, add an event with its repetitions."""
+        """Advance the time. For each event whose counting time has ended, add an event that states its repetitions."""
         for text, repeated in list(self._repeated.items()):
             if time_s - repeated.since_s < repeated.quiet_s:
                 continue

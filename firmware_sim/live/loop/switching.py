@@ -1,6 +1,6 @@
-"""Disturbances that are switched on and off while the loop runs, each at the start of a control period.
+"""The disturbances that are switched on and off while the loop runs, each at the start of a control period.
 
-A disturbance acts as in a run that has it from the same time on. Each disturbance is an item with its own
+A disturbance acts as in a run in which it starts at the same time. Each disturbance is an item with its own
 `firmware_sim.bench.disturbing.Disturbing`, whose random sequences are numbered after all earlier items' sequences. The
 items of the transducers, and of each node's port, are in the order of the settings; when an item changes, all later
 items end and start again. An ended item in a port passes all new frames on unchanged. It is removed `LINGER_S` later,
@@ -57,7 +57,7 @@ class SwitchedPort(WrappedBus):
         return plug
 
     def take_out(self, plug: Plug) -> None:
-        """Remove the layer above this plug; frames that it still delays are lost."""
+        """Remove the layer above this plug; frames that this layer still delays are lost."""
         place = self._plugs.index(plug)
         above = self._plugs[place + 1] if place + 1 < len(self._plugs) else self._top
         above.beneath = plug.beneath
@@ -126,7 +126,7 @@ class SwitchedDisturbances:
             new += [(text, group) for text in here[same:]]
             for item in acting[same:]:
                 item.end = k
-                # The span is frozen, but a running disturbance reads its end time from it.
+                # A running disturbance reads its end from the span, which must be changed although its class is frozen.
                 object.__setattr__(item.span, "end_s", k * self._config.period_ns / NS)
                 self._items.remove(item)
                 if item.plugs:
@@ -138,7 +138,7 @@ class SwitchedDisturbances:
         return bool(new)
 
     def period_over(self, k: int) -> None:
-        """Remove the ended items whose removal is due after period k, because they delay no more frames."""
+        """Remove the ended items whose time `LINGER_S` is over after period k; they no longer delay any frames."""
         linger = round(LINGER_S * NS / self._config.period_ns)
         for item in [one for one in self._lingering if one.end + linger <= k + 1]:
             self._lingering.remove(item)

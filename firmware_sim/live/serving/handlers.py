@@ -30,7 +30,7 @@ TOKEN_BYTES: Final = 24
 
 @dataclass(frozen=True, kw_only=True)
 class PageAccess:
-    """Rules of access to one server. Every request needs the token, except on loopback, where there is no token."""
+    """The rules of access to one server. Every request needs the token, except on loopback, where there is no token."""
 
     token: str | None
 
@@ -128,7 +128,7 @@ _log = logging.getLogger("tornado.application")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ServedPage:
-    """Data that the request handlers share."""
+    """The data that the request handlers share."""
 
     supervisor: Supervisor
     access: PageAccess
@@ -219,13 +219,13 @@ class Socket(Guarded, WebSocketHandler):
         sent.add_done_callback(lambda done: done.cancelled() or done.exception())
         await asyncio.wait([sent], timeout=self.served.stalled_s)
         if not sent.done() and self._connection is not None:
-            # The connection closes without a closing frame, because that would wait behind the unaccepted message.
+            # The connection closes without a closing frame, because such a frame would wait behind the message.
             self._connection.close()
         await sent
 
 
 class StreamSocket(Socket):
-    """The stream of messages to one viewer: the newest data at the time when the previous message was accepted."""
+    """The stream of messages to a viewer. Each has the data that were newest when the previous message was accepted."""
 
     _sending: "asyncio.Task[None] | None" = None
 

@@ -37,7 +37,7 @@ def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
     The process sends pairs: ("messages", list), ("answer", (number, Answer)) and, as the last pair, ("ended", error).
     It receives pairs of a number and a request as JSON. With `fast` a period may take less time than on a vehicle.
     """
-    # The process ends directly, because Python only prints an exception that is raised while it runs a callback.
+    # `os._exit` ends the process at once. An exception would not: Python only prints it if a callback is running.
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
     # Both signals were blocked at the start. SIGINT (Ctrl-C) stays blocked, because the server ends the process.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM,))
@@ -48,7 +48,7 @@ def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
         _step(session, pipe, outbox, fast=fast)
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return
-    except Exception as error:  # noqa: BLE001  (whatever it is: the server reports it, and decides what becomes of it)
+    except Exception as error:  # noqa: BLE001  (the server reports any error, and decides what to do)
         if not isinstance(error, StillwakeError):
             traceback.print_exc()
         outbox.send("ended", _that_travels(error))
@@ -112,14 +112,14 @@ def _make(work: Callable[[], None], made: Future[None]) -> None:
     try:
         work()
         made.set_result(None)
-    except Exception as error:  # noqa: BLE001  (a fault of ours is not to end the loop)
+    except Exception as error:  # noqa: BLE001  (an error in this code must not end the loop)
         if not isinstance(error, StillwakeError):
             traceback.print_exc()
         made.set_exception(error)
 
 
 class Outbox:
-    """A sender of messages, for any thread. It drops messages after the server has ended; `run` detects this end."""
+    """A sender of messages for all threads. After the server has ended it drops messages; `run` detects this end."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe, self._lock = pipe, Lock()
@@ -139,7 +139,7 @@ class Outbox:
 
 
 def _that_travels(error: Exception) -> Exception:
-    """Return the error, or a StillwakeError with its text if another process could not unpickle it."""
+    """Return the error, or a StillwakeError with its text if another process could not unpickle the error."""
     try:
         copy: Any = pickle.loads(pickle.dumps(error))
     except Exception:  # noqa: BLE001  (pickle raises what the error's class raises)
@@ -148,15 +148,15 @@ def _that_travels(error: Exception) -> Exception:
 
 
 LONGEST_END_S: Final = 3.0
-"""Time in s in which the process may end by itself. Then it is terminated, and after the same time killed."""
+"""Time in s in which the process may end by itself. Then it is terminated; after this time again, it is killed."""
 
 
 @contextmanager
 def started(make: MakeSession, *, fast: bool) -> Iterator[tuple[BaseProcess, Connection]]:
-    """Start a process that executes `run`; yield the process and this end of the pipe. At the end, the process is ended
-    unless it has ended already. A thread that waits for the pipe then gets EOFError or OSError. `make` must be
+    """Start a process that executes `run`; yield the process and this end of the pipe. At the block's end, the
+    process is ended if it still runs. A thread that waits for the pipe then gets EOFError or OSError. `make` must be
     picklable."""
-    # The process is spawned, not forked: a fork would also copy locks that threads of this process may have locked.
+    # The process is spawned, not forked: a fork would also copy locks that this process's threads hold.
     context = multiprocessing.get_context("spawn")
     pipe, theirs = context.Pipe()
     process = context.Process(target=run, args=(theirs, make), kwargs={"fast": fast}, name="live-loop", daemon=True)
@@ -172,7 +172,7 @@ def started(make: MakeSession, *, fast: bool) -> Iterator[tuple[BaseProcess, Con
     try:
         yield process, pipe
     finally:
-        # Closing the pipe is not enough, because a thread that waits for the pipe has it open too.
+        # Closing the pipe is not enough, because a thread that waits for the pipe also has the pipe open.
         with suppress(OSError), socket.socket(fileno=os.dup(pipe.fileno())) as both:
             both.shutdown(socket.SHUT_RDWR)
         process.join(LONGEST_END_S)

@@ -18,9 +18,9 @@ PICTURE: Final = "picture"
 STREAMS: Final = ("loop", "hello", "settings", "events", "periods", "now", "bus", PICTURE)
 """The order in which a viewer gets the streams; `hello` states the run to which the later streams belong."""
 MOST_ROWS: Final = 500
-"""Largest number of periods, or of events, in one message; a new viewer waits for this message."""
+"""Largest number of periods, or of events, in one message: a new viewer has to wait for such a message."""
 _KEPT: Final = {"events": 500, "periods": KEPT_PERIODS}
-"""Largest number of stored items of a stream; of the other streams only the newest message is stored."""
+"""Largest number of stored items of these two streams. Of every other stream only the newest message is stored."""
 
 
 class Hub:
@@ -69,8 +69,8 @@ class Viewer:
         self._counts = dict.fromkeys(STREAMS, 0)
 
     def take(self, stream: str) -> LiveMessage | bytes | None:
-        """Return the content of a stream that this viewer has not yet received, or None. This is the newest value, or
-        the oldest `MOST_ROWS` periods or events that the hub still has."""
+        """Return the content of a stream that this viewer has not yet received, or None. The content is the newest
+        value, or the oldest `MOST_ROWS` periods or events that the hub still has."""
         message, self._counts[stream] = self._hub.after(stream, self._counts[stream])
         if stream == "hello" and message is not None:
             # A page discards its data at a `hello`, so the stored data of the streams after `hello` are sent again.
@@ -145,7 +145,7 @@ class Supervisor:
         again = f"{self._why}; " if self._why else ""
         self._put("starting", again + STARTING)
         in_thread = asyncio.get_running_loop().run_in_executor
-        # The exits block on purpose, because the process must have ended when a cancelled task returns.
+        # Leaving these contexts blocks on purpose: the process must have ended when a cancelled task returns.
         with (
             ThreadPoolExecutor(1, "answers") as receiving,
             ThreadPoolExecutor(1, "requests") as sending,

@@ -117,7 +117,7 @@ class Board(EmulatedCore):
             raise self._raised.pop()
 
     def _guarded(self, work: Callable[[], object]) -> int:
-        """Call a register's function. Its exception stops the emulation; then `_execute` raises the exception again."""
+        """Call a register's function. An exception stops the emulation; then `_execute` raises the same exception."""
         if self._raised:
             # The core executes a few more instructions before it stops; these instructions must have no effect.
             return 0
@@ -139,7 +139,7 @@ class Board(EmulatedCore):
 
         def write(_core: Any, offset: int, size: int, value: int, _data: Any) -> None:
             self._guarded(lambda: part.write(_whole(offset, size) - shift, value & 0xFFFF_FFFF))
-            # Without the right to read, a read of the bank during a flash operation is detected.
+            # During a flash operation the core may not read the bank, so that this class notices each attempt.
             if part is self.flash and self.flash.is_at_work:
                 self._protect(unicorn_const.UC_PROT_NONE)
             if part is self._registers and offset == CPACR and self._registers.has_floats:
@@ -170,8 +170,8 @@ class Board(EmulatedCore):
                 self._core.mem_write(BANK + page, bytes(bank.content[page : page + _PAGE]))
 
     def _exchange_pages(self) -> None:
-        """Map pages with unreadable words to functions of this class, and all other pages to memory, unless a flash
-        operation is in progress. Hooks on every read would slow down the emulator."""
+        """Map pages with unreadable words to functions of this class, and all other pages to memory. During a flash
+        operation, do nothing. Hooks on every read would slow down the emulator."""
         if self.flash.is_at_work:
             return
         self._protect(_READABLE)

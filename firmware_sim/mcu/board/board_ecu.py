@@ -119,7 +119,7 @@ class BoardEcu(CEcuState):
         return left + self.board.can.handed_over()
 
     def advance(self, until_ns: int, frames: Sequence[Frame] = ()) -> list[Frame]:
-        """Receive frames, advance to `until_ns`, return sent frames. Raises McuError and PowerCut as `Board.run`."""
+        """Receive frames, advance to `until_ns`, return sent frames. Raises errors as `Board.run` does."""
         self._bring(frames)
         while self.board.counter.compare_ns <= until_ns:
             self.board.counter.now_ns = max(self.board.counter.compare_ns, self.board.counter.now_ns)
@@ -198,7 +198,7 @@ def serve(
     until_ns = ecu.board.counter.now_ns
     while not is_stopped():
         now_ns = clock_ns()
-        # `until_ns` advances only with the wall clock; flash operations advance only the board's own counter.
+        # `until_ns` follows the wall clock only; flash operations also advance the board's own counter.
         until_ns, before_ns = until_ns + min(now_ns - before_ns, LONGEST_UNSEEN_NS), now_ns
         frames = [replace(frame, timestamp_ns=ecu.board.counter.now_ns) for frame in bus.receive_all()]
         for frame in ecu.advance(until_ns, frames):

@@ -90,14 +90,14 @@ class CanController:
         self._level += 1
 
     def taken(self, until_ns: int) -> list[Frame]:
-        """Return the frames sent since the last call, up to `until_ns`, stamped with the ends of transmission."""
+        """Return the frames sent since the last call, until `until_ns`; a time stamp is the end of its frame."""
         self._sending.progress(until_ns)
         left = [replace(frame, timestamp_ns=end_ns) for frame, end_ns in self._sending.left]
         self._sending.left.clear()
         return left
 
     def handed_over(self) -> list[Frame]:
-        """Return all waiting frames, stamped with the times of their requests. The bus is modelled elsewhere."""
+        """Return all waiting frames, stamped with the times of their requests, for a bus that is modelled elsewhere."""
         self._sending.progress(_EVER_NS)
         left = [frame for frame, _ in self._sending.left]
         self._sending.left.clear()
@@ -130,7 +130,7 @@ class CanController:
         return known[offset]
 
     def write(self, offset: int, value: int) -> None:
-        """Write a register or a word of the message RAM; raises McuError if it is not modelled, or protected."""
+        """Write a register or a word of the message RAM; raises McuError for an unmodelled or protected register."""
         if offset >= MESSAGE_RAM:
             self._ram[offset - MESSAGE_RAM : offset - MESSAGE_RAM + 4] = value.to_bytes(4, "little")
         elif offset == _CCCR:
@@ -150,7 +150,7 @@ class CanController:
             self._interrupts &= ~value
         elif offset == _RXF0A:
             if self._level == 0 or value != self._get:
-                raise McuError(f"CAN controller: element {value} is acknowledged, and FIFO 0 is at {self._get}")
+                raise McuError(f"CAN controller: element {value} is acknowledged, but FIFO 0 is at {self._get}")
             self._get = (self._get + 1) % (self._kept[_RXF0C] >> 16 & 127)
             self._level -= 1
         elif offset == _TXBAR:
@@ -265,7 +265,7 @@ class TransmitBuffers:
         self._drop(bits)
 
     def switch(self, now_ns: int, *, is_on: bool) -> None:
-        """Connect or disconnect the controller. After a disconnection, a frame in transmission waits again."""
+        """Connect or disconnect the controller. A disconnection stops a transmission, whose frame then waits again."""
         self.progress(now_ns)
         if is_on and not self.is_on:
             self._free_ns = max(self._free_ns, now_ns)

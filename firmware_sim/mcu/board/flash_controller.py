@@ -41,7 +41,7 @@ class PowerCut(Exception):  # noqa: N818
 
 @dataclass(frozen=True, kw_only=True)
 class FlashTimes:
-    """Durations of flash operations in ns. The defaults are typical values from the datasheet of an STM32H743 (DS12110,
+    """The durations of flash operations in ns. The defaults are typical values in the STM32H743's datasheet (DS12110,
     flash memory programming, parallelism of 64 bits); the largest values in the datasheet are at most twice as long."""
 
     erase_ns: int = 1_000_000_000
@@ -71,7 +71,7 @@ class FlashBank:
         """Read the result of `pack`; raises McuError if it is not a packed bank."""
         bank, words = cls(), SECTOR * SECTORS // WORD
         if len(packed) != words * (WORD + 1) or max(packed[:words]) > 2:
-            raise McuError(f"a flash of {len(packed)} bytes: must be {words * (WORD + 1)}, as a board left it")
+            raise McuError(f"a flash of {len(packed)} bytes: must be {words * (WORD + 1)}, as a board writes it")
         bank.programmed[:], bank.content[:] = packed[:words], packed[words:]
         return bank
 

@@ -16,7 +16,7 @@ class SystemReset(Exception):  # noqa: N818
 
 
 class Counter:
-    """Arm's generic counter (CNTReadBase: CNTCV) at 1 GHz, followed by a compare register. The core's sleep ends when
+    """The generic counter of Arm (CNTReadBase: CNTCV) at 1 GHz, and then a compare register. The core's sleep ends when
     the counter reaches the compare value. The counter and the compare value have two words each, the low word first.
 
     Attributes:

@@ -1,5 +1,5 @@
-"""A run for other programs: its series as CSV, with units in the header, and as a measurement file, with frames and
-their signals, series that no frame contains, events and pictures of the wake."""
+"""The export of a run for other programs: series as CSV, with units in the header, and a measurement file. That file
+has the frames with their signals, the other series, the events and pictures of the wake."""
 
 import csv
 import io
@@ -68,9 +68,9 @@ def _text(name: str, value: float) -> str:
 
 
 def write_run(path: Path, folder: RunFolder) -> Counter[str]:
-    """Write a finished run as a measurement file. Return the number of frames without channels in the file, by the name
-    of the message. Raises StillwakeError if there is no run, a file is damaged, or the measurement file cannot be
-    written."""
+    """Write a finished run as a measurement file. Return for each message the number of its frames that have no
+    channels in this file. Raises StillwakeError if there is no run, a file of the run is damaged, or the new file
+    cannot be written."""
     log = run_log.load(folder.series)
     return write_measurement(
         path,

@@ -80,7 +80,7 @@ def wake_of(folder: RunFolder, log: RunLog) -> WakeStills | None:
 
 
 def _bus_rows(folder: RunFolder, log: RunLog) -> list[tuple[str, ...]]:
-    """Return a row per identifier in the log, none if it is missing or too long. Raises StillwakeError if damaged."""
+    """Return a row for each identifier in the log; no rows for a missing or long log. Damage raises StillwakeError."""
     if log.traffic.frames > _MOST_FRAMES or not folder.frames.is_file():
         return []
     # These imports take a second, because they import all readers of python-can. So they are inside the function.
@@ -171,7 +171,7 @@ class Cell(NamedTuple):
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
-    """Return unique names, with parents if needed. Raises StillwakeError for too few, too many or equal folders."""
+    """Return unique names, with parent folders if needed. Raises StillwakeError for too few, too many or equal runs."""
     places = [Path(os.path.realpath(folder)) for folder in folders]
     if not 2 <= len(places) <= _MOST:
         raise StillwakeError(f"{len(places)} runs: between 2 and {_MOST} can be compared on a page")

@@ -136,7 +136,7 @@ def test_an_image_is_what_the_compiler_makes_and_runs_in_any_build_of_its_layout
     assert {values.dtype.kind for name, values in arrays.items() if name.endswith("_rows")} <= {"i"}
     with pytest.raises(BundleContainerError, match="the text of its layout"):
         layout_in(payload[:-1], facts.layout)
-    with pytest.raises(LibraryError, match="not of the program of bundle"):
+    with pytest.raises(LibraryError, match="does not belong to the program of bundle"):
         controller_image(others, bundle, config, None)
     with pytest.raises(LibraryError, match="no ECU in C"):
         controller_image({name: text for name, text in files.items() if name != ECU_SETTINGS}, bundle, config, None)

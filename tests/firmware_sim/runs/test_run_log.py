@@ -98,7 +98,7 @@ def test_what_no_run_holds_is_refused(log_of, tmp_path):
         (lambda header: header["traffic"]["nodes"].update(ECU=[]), "must be a table"),
         ({"Cl": np.zeros(5)}, r"'Cl' is float64 of shape \(5,\): must be numbers of shape \(6\)"),
         ({"step_ms": np.full(6, math.inf)}, "'step_ms' is"),
-        ({"t": np.zeros(6)}, "'t' must rise"),
+        ({"t": np.zeros(6)}, "'t' must increase"),
         ({"Cd": np.full(6, NAN)}, "'Cd' must hold finite numbers"),
         ({"mode": np.full(6, 1.5)}, "values of Mode"),
         ({WALL: np.zeros((6, 3))}, r"must be numbers of shape \(6, 4\)"),

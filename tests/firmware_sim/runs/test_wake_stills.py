@@ -69,7 +69,7 @@ WRONG = {
     "not in the series": lambda wake: replace(wake, t=wake.t + 0.2),
     r"must increase and be in 0\.\.5": lambda wake: replace(wake, k=wake.k + 1),
     "stills must increase": lambda wake: replace(wake, k=wake.k[::-1]),
-    r"6 stills at 5 periods": lambda wake: replace(wake, k=wake.k[:-1]),
+    r"6 stills for 5 periods": lambda wake: replace(wake, k=wake.k[:-1]),
     r"must have \(95, 36\)": lambda wake: replace(wake, scene=replace(wake.scene, size=(95, 36))),
     "not a WebP": with_a_png,
     "NaN is not a number": lambda wake: replace(wake, scene=replace(wake.scene, view=(0.0, 1.0, 0.0, float("nan")))),
