@@ -136,14 +136,14 @@ def from_tree(tree: Mapping[str, Any]) -> Config:
 
 
 def without_retired(tree: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the nested mappings without the settings in `RETIRED`. Raises ConfigError if one of these settings has a
-    value other than the one in `RETIRED`."""
+    """Return the nested mappings without the settings in `RETIRED`. Raises ConfigError if the value of such a setting
+    differs from the value in `RETIRED`."""
     for name, value in RETIRED.items():
         section, _, key = name.partition(".")
         if not isinstance(inside := tree.get(section), Mapping) or key not in inside:
             continue
         if inside[key] != value:
-            raise ConfigError(f"{name} = {_short(inside[key])}: this version has no such setting, must be {value}")
+            raise ConfigError(f"{name} = {_short(inside[key])}: this version has no such setting; must be {value}")
         tree = {**tree, section: {one: inside[one] for one in inside if one != key}}
     return tree
 

@@ -38,8 +38,8 @@ class Source:
 
 
 def paper(place: str, note: str = "") -> Source:
-    """Mark a default as the number at a place in the paper, such as "section 2.1". If the number is not there, `note`
-    says how it follows. Equations have the manuscript's numbers, which do not restart with each section."""
+    """Mark a default as the number at a place in the paper, such as "section 2.1". `note` says how the default follows
+    if it is not stated there. Equations have the manuscript's numbers, which do not restart with each section."""
     return Source("paper", place=place, note=note)
 
 
@@ -49,7 +49,7 @@ def standard(name: str, note: str) -> Source:
 
 
 def ours(reason: str, *, page: str = "") -> Source:
-    """Mark a default as the project's own number, with the reason for it and, if given, a page that says more."""
+    """Mark a default as the project's own number. `reason` justifies the number, and `page` says more about it."""
     return Source("ours", note=reason, page=page)
 
 

@@ -1,4 +1,4 @@
-"""The check of a graph before signing. It must pass onnx's checker and have only operators that the export writes."""
+"""The check of a graph before signing. A graph must pass onnx's checker and have only operators of exported graphs."""
 
 from collections.abc import Iterator
 from typing import Final

@@ -200,8 +200,8 @@ class NormNames:
         return graph.op("LayerNormalization", x, self.gain, self.offset, epsilon=LAYER_NORM_EPSILON)
 
     def normalise(self, graph: Graph, x: str) -> tuple[str, str]:
-        """Add nodes that compute xhat and r = 1 / sqrt(var x + eps). With gain 1, they are the first and the third
-        output of LayerNormalization."""
+        """Add nodes that compute xhat and r = 1 / sqrt(var x + eps). The first and the third output of
+        LayerNormalization with gain 1 and offset 0 are these values."""
         one, zero = graph.constant(np.ones(self.width)), graph.constant(np.zeros(self.width))
         xhat, _, inverse_std = graph.ops("LayerNormalization", x, one, zero, outputs=3, epsilon=LAYER_NORM_EPSILON)
         return xhat, inverse_std

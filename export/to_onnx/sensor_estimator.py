@@ -1,4 +1,4 @@
-"""The estimation of pressures from the other pressures as ONNX nodes; all views of the window are one batch."""
+"""The ONNX graph that estimates each pressure from the other pressures. All views of a window form one batch."""
 
 from typing import Final
 

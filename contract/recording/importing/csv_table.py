@@ -22,7 +22,7 @@ _DECIMAL_COMMA: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 
 @dataclass(frozen=True, kw_only=True)
 class CsvTable:
-    """A table of text cells, whose columns have different names. `lines` has the number of each row's line, from 1."""
+    """A table of text cells, whose columns have different names. `lines` has the line number of each row, from 1."""
 
     path: Path
     header: tuple[str, ...]
@@ -93,7 +93,7 @@ def read_csv(path: Path) -> CsvTable:
             raise DatasetError(f"{path}: line {lines[0]}: column {name!r} occurs twice{hint}")
     for row, line in zip(rows[1:], lines[1:], strict=True):
         if len(row) != len(header):
-            raise DatasetError(f"{path}: line {line}: {len(row)} values, the header has {len(header)} columns")
+            raise DatasetError(f"{path}: line {line}: {len(row)} values, but the header has {len(header)} columns")
     return CsvTable(path=path, header=header, rows=tuple(rows[1:]), lines=tuple(lines[1:]))
 
 
@@ -153,8 +153,8 @@ def read_sensors(
     for column in ("name", "x", "y"):
         if column not in table.header:
             raise DatasetError(
-                f"{path}: no column {column!r}; the first line has {', '.join(table.header)}, it must have name, x and "
-                f"y, and may have base"
+                f"{path}: no column {column!r}; the first line has {', '.join(table.header)}, but it must have name, x "
+                f"and y, and may have base"
             )
     unused = tuple(name for name in table.header if name not in ("name", "x", "y", "base"))
     if unused:

@@ -20,7 +20,7 @@ DEFAULT_FILL: Final = 9.9692099683868690e36
 """Value that netCDF stores in place of floating-point numbers that were never written."""
 UNWRITTEN: Final = "is the default fill value of netCDF, so this value was never written"
 _DEFAULT_OF_INTEGERS: Final = {2: -(2**15) + 1, 4: -(2**31) + 1, 8: -(2**63) + 2}
-"""Values that netCDF stores for signed integers that were never written, by size in bytes; single bytes have none."""
+"""Values that netCDF stores for signed integers that were never written, by size in bytes. Single bytes have none."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -133,7 +133,7 @@ _TABLES: Final = ("None", "__function_workspace__")
 
 
 def stored_arrays(path: Path) -> dict[str, Stored]:
-    """Return all arrays by name; a name includes groups or structures. Raises DatasetError for an unreadable file."""
+    """Return all arrays by name. Names include the groups or structures. Raises DatasetError for an unreadable file."""
     try:
         with path.open("rb") as file:
             head = file.read(_USER_BLOCK + len(_HDF5))
@@ -167,7 +167,7 @@ def _read_hdf5(path: Path) -> dict[str, Stored]:
 
 
 def _values(file: h5py.File, node: h5py.Dataset) -> Any:
-    """Return the array. If MATLAB wrote it, its axes get MATLAB's order, and its characters become texts."""
+    """Return the array. In an array that MATLAB wrote, the axes get MATLAB's order, and characters become texts."""
     kind = node.attrs.get("MATLAB_class", b"")
     kind = kind.decode() if isinstance(kind, bytes) else str(kind)
     if kind == "cell" and node.dtype.kind == "O":
