@@ -29,10 +29,10 @@ def leads_to(path: Path) -> Path:
 
 
 def check_writable(path: Path, *, folder: bool = False) -> None:
-    """Check before a computation whether its result can be written to `path`; with `folder`, the result is a folder. A
-    test file is created in the nearest existing folder and removed. Raises StillwakeError in these cases: `path` is a
-    folder but the result is a file, or the reverse; `path` ends in `..`; this process prints to `path`; the file has
-    another hard link, which would keep the old content; or `path` is not writable."""
+    """Check before a computation that its result, a file or with `folder` a folder, can be written to `path`. A test
+    file is created in the nearest existing folder and removed. Raises StillwakeError if `path` is a folder but the
+    result is a file, or the reverse; if `path` ends in `..`; if this process prints to `path`; if the file has another
+    hard link, which would keep the old content; or if `path` is not writable."""
     if not folder and path.is_dir():
         raise StillwakeError(f"cannot write {path}: it is a directory, must be a file")
     if folder and path.is_file():

@@ -220,7 +220,7 @@ class Numbers:
     alignment: int | None = None
 
     def definition(self, name: str) -> str:
-        """Return the C definition of a constant with the struct's values, and a compile-time check of its layout."""
+        """Return the C definition of a constant with the struct's values, and a compile-time check of the layout."""
         check = f"typedef char {name}_as_packed[{self.as_packed} ? 1 : -1];"
         return f"const {self.struct} {name} = {self.initialiser};\n\n#if defined(__GNUC__)\n{check}\n#endif"
 

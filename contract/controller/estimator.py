@@ -1,4 +1,4 @@
-"""The interface and the weights of a bundle's `sensors.onnx`, a network that estimates each pressure from the others.
+"""The interface and weights of a bundle's `sensors.onnx`, which estimates each pressure from the other pressures.
 
 The ECU's sensor check compares each reading with the other readings. If they disagree, it searches for a sensor to
 leave out, or for two sensors to exchange, so that the readings agree. For this search, one call estimates every

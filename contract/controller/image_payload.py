@@ -233,7 +233,7 @@ def layout_in(payload: bytes, sha256: bytes) -> dict[str, str]:
 
 
 def check_numbers(payload: bytes, sha256: bytes) -> None:
-    """Raise BundleContainerError for a payload that no ECU accepts: too short, or with an invalid number."""
+    """Raise BundleContainerError if a payload is too short or has an invalid number, so that no ECU accepts it."""
     layout = layout_in(payload, sha256)
     if _starts(layout)[""] > payload.rfind(_TITLE.encode()):
         raise BundleContainerError(f"image: a payload of {len(payload)} bytes is too short for its layout")

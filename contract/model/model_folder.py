@@ -141,7 +141,7 @@ def check_free(path: Path) -> None:
 
 
 def write(path: Path, description: Description, tensors: Tensors) -> None:
-    """Write a model directory; it may replace a model. Raises StillwakeError like `check_free`, or if writing fails."""
+    """Write a model directory, or replace an old one. Raises StillwakeError as `check_free`, or if writing fails."""
     import safetensors.numpy
 
     check_free(path)

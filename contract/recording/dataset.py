@@ -119,7 +119,7 @@ def read(path: Path) -> Dataset:
 
 
 def survey(path: Path) -> tuple[Dataset | None, tuple[str, ...]]:
-    """Return the valid episodes as a data set (None if there are none), and all problems of the file, one line each."""
+    """Return a data set of the valid episodes, or None without a valid episode, and all problems, one line each."""
     problems: list[str] = []
     dataset = None
     try:

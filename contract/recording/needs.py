@@ -55,7 +55,7 @@ def judging_need(config: Config) -> Need:
 
 
 def window_for_c(steps: float) -> int:
-    """Return the number of rows nearest to `steps` that the ECU in C accepts as a window."""
+    """Return the length of a window, nearest to `steps`, that the ECU in C accepts."""
     return max(1, round(steps / WINDOW_STEP)) * WINDOW_STEP
 
 

@@ -76,7 +76,7 @@ def sign(path: Path, key: Ed25519PrivateKey, judge: Callable[[Bundle], object] |
 
 
 def with_estimator(manifest: Manifest, contents: dict[str, bytes], made: MadeEstimator) -> Manifest:
-    """Put the estimator's graph into the contents. Returns the manifest with the estimator's figures and provenance."""
+    """Add the estimator's graph to `contents`. Returns the manifest with the estimator's figures and provenance."""
     contents[ESTIMATOR] = made.graph
     provenance = {**manifest.provenance, "sensor_estimator": made.provenance}
     return replace(manifest, provenance=provenance, sensor_estimator=made.figures)

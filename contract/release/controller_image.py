@@ -135,7 +135,7 @@ def signer_of(image: bytes) -> PublicKey | None:
         raise BundleContainerError(f"image begins with {magic.hex()}: must begin with {_MAGIC.hex()}")
     if (length, header) != (len(image), HEADER_BYTES):
         raise BundleContainerError(
-            f"image of {len(image)} bytes states {length}, and {header} for the header: must be {HEADER_BYTES}"
+            f"image of {len(image)} bytes states a length of {length} and a header of {header}, not {HEADER_BYTES}"
         )
     if image[_FACTS.size : HEADER_BYTES] == _UNSIGNED:
         return None

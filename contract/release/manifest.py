@@ -124,7 +124,7 @@ class RestingWake:
 
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
-    """The assumptions of a bundle's controller about its vehicle.
+    """The assumptions of a bundle's controller about the vehicle.
 
     Raises BundleManifestError if the scaling does not fit the sensors, or a number, date or hash is invalid.
 

@@ -107,8 +107,8 @@ class BoundedGraph:
 def _options() -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
-    # Errors are raised as exceptions, so they need not be printed. Without this line, the optional input `weights`,
-    # which is an initialiser that may be overridden, would cause a warning whenever the graph is loaded.
+    # Errors are raised as exceptions and need not be printed. Without this line, loading a graph would print a warning
+    # about the optional input `weights`, an initialiser that may be overridden.
     options.log_severity_level = 4
     # The graph's bytes were checked for external constants. If the graph nevertheless refers to a file, ONNX Runtime
     # looks for this file below a path that is no folder, and finds nothing.
@@ -145,8 +145,8 @@ class OnnxController:
 
     @classmethod
     def of(cls, bundle: Bundle) -> "OnnxController":
-        """Open a bundle's controller, after one step in bounded time and memory. Raises BundleControllerError if the
-        controller does not load or does not fit the manifest."""
+        """Run one step of a bundle's controller in bounded time and memory, then open the controller. Raises
+        BundleControllerError if the controller does not load or does not fit the manifest."""
         model, sizes = bundle.files[CONTROLLER], bundle.manifest.sizes
         _graph(model, sizes).tried(WARM_UP_LIMIT_S)
         controller = cls(model, sizes)

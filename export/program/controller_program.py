@@ -159,8 +159,8 @@ def _mapped(part: Any, name: str, change: Callable[[str, Array], Array]) -> Any:
 
 
 def program_sha256(program: ControllerProgram) -> str:
-    """Return a program's SHA-256 in hex. The hash covers every setting, and every weight by its name and little-endian
-    float64."""
+    """Return a program's SHA-256 in hex. The hash covers every setting, and the name and the little-endian float64 of
+    every weight."""
     digest = hashlib.sha256()
     parts = ("scaling", "mpc", "encoder", "dynamics", "decoder")
     settings: dict[str, Any] = {name: asdict(getattr(program, name)) for name in parts}

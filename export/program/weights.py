@@ -249,7 +249,7 @@ class PriorWeights:
 
 
 class _Tensors:
-    """A reader that returns each tensor of a network once, after checking it, and records which tensors were not
+    """A reader of a network's tensors. It checks and returns each tensor once, and records which tensors were not
     read."""
 
     def __init__(self, network: str, state: StateDict) -> None:

@@ -46,7 +46,7 @@ def check_model(content: bytes) -> int:
     except Exception as error:  # from protobuf, from the checker, or from the inference of shapes
         raise ValueError(f"onnx refuses it: {error}") from error
     if model.functions or model.training_info:
-        raise ValueError("the graph has its own functions, or training information")
+        raise ValueError("the graph has its own functions or training information")
     nodes = list(_nodes(model.graph))
     constants = {one.name for one in model.graph.initializer}
     for node in nodes:

@@ -189,7 +189,7 @@ def _largest_state(ranges: Mapping[str, float]) -> float:
 
 
 def _channels(*columns: Array) -> Array:
-    """Group the constants of n outputs, eight outputs to a group, (n / 8, constants, 8). The padding consists of
+    """Return the constants of n outputs in groups of eight outputs, (n / 8, constants, 8). The padding consists of
     zeros."""
     rows = np.pad(np.stack(columns, axis=-1), [(0, -len(columns[0]) % INT8_LANES), (0, 0)])
     return rows.reshape(-1, INT8_LANES, len(columns)).transpose(0, 2, 1)

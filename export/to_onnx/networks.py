@@ -265,5 +265,5 @@ class _Block:
 
 
 def _without_ones(layer: Linear, ones: int) -> Array:
-    """Return the bias of a layer whose inputs are all too high by `ones`, so that the layer's output is unchanged."""
+    """Return a layer's bias for inputs that are all too high by `ones`; the layer's output stays the same."""
     return np.asarray(layer.bias - ones * layer.weight.sum(axis=1))

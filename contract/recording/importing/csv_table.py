@@ -128,7 +128,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _check_header(path: Path, line: int, header: tuple[str, ...]) -> None:
-    """Refuse a first line without column names; a later message would only say that a column is missing."""
+    """Refuse a first line without column names. A later error message would only say that a column is missing."""
     if all(map(_is_number, header)):
         raise DatasetError(f"{path}: line {line} holds numbers; the first line must have the names of the columns")
     if len(header) == 1 and len(header[0].split()) > 1:
@@ -147,8 +147,8 @@ def read_sensors(
 ) -> SensorLayout:
     """Read the sensors' layout, in the order of the file's rows. Raises DatasetError if a column is missing or a cell
     does not fit; the message states file, line and column. `symmetric` states whether body and jets are symmetric about
-    y = 0. If they are, and every sensor has a mirror image, the mirror images are found from the positions. `told` is
-    called with the names of unused columns, if there are any."""
+    y = 0. If so, and if every sensor has a mirror image, the mirror images are found from the positions. `told` is
+    called with the names of unused columns, if any."""
     table = read_csv(path)
     for column in ("name", "x", "y"):
         if column not in table.header:

@@ -92,7 +92,7 @@ def read_case(
 
 
 def _table(path: Path, case: Path, file: str, what: str) -> FoamTable:
-    """Return the table of the function object in whose folder the path lies, or the case's only table."""
+    """Return the table of the function object whose folder contains the path, or else the case's only table."""
     tables = {}
     try:
         for folder in sorted((case / _POST).iterdir()):

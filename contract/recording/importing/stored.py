@@ -47,7 +47,7 @@ class Stored:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """The texts of the array; empty if the array holds anything else."""
+        """The texts of the array; empty if the array is not an array of texts."""
         values = np.asarray(self.values).ravel()
         cells = values.tolist() if values.dtype.kind in "OSU" else ()
         found = [cell.decode(errors="replace") if isinstance(cell, bytes) else cell for cell in cells]
@@ -86,7 +86,7 @@ class Stored:
         return array
 
     def _gaps(self, path: Path, name: str, raw: npt.NDArray[Any], array: Array) -> dict[str, Mask]:
-        """Return masks of the missing or invalid values, by the reason for which they are missing or invalid."""
+        """Return masks of the missing or invalid values. The name of a mask is the reason, for an error message."""
         found: dict[str, Mask] = {}
         for key in ("missing_value", "_FillValue"):
             found[f"is missing by its {key}"] = np.isin(raw, self._like(path, name, key, raw.dtype))
