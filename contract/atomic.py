@@ -69,7 +69,7 @@ def _check_file(path: Path, there: os.stat_result) -> None:
 @contextmanager
 def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
     """Yield a temporary path in the target's folder. The `with` block writes a file or a directory there. If the block
-    succeeds, this file or directory replaces the target; otherwise it is removed.
+    succeeds, this file or directory replaces the target; otherwise the file or directory is removed.
 
     The target is the path at the end of all links in `path`; the links remain. The new content gets the mode of the old
     content. An old directory remains until the new directory has replaced it. With `keep`, no directory is replaced:

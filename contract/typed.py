@@ -73,7 +73,7 @@ def typed(tree: object, kind: type[T], *, complete: bool = False) -> T:
 
 
 def _right(wording: str, hint: Any) -> str:
-    """Return the condition on a value, in words, from msgspec's message and the field's type."""
+    """Describe the condition on a value in words, from msgspec's message and the field's type."""
     if get_origin(hint) is Literal:
         *most, last = map(repr, get_args(hint))
         return f"must be {', '.join(most)} or {last}"

@@ -16,8 +16,8 @@ from contract.typed import LONGEST_SHOWN, read_toml, typed
 
 
 def check_names(tree: Mapping[str, Any], above: str = "") -> None:
-    """Check that every name in a tree is in `Config`, and that sections and values are not confused. Raises ConfigError
-    with the wrong name and the most similar correct names."""
+    """Check that every name in a tree is in `Config`, and that no section is used as a value or the reverse. Raises
+    ConfigError with the wrong name and the most similar correct names."""
     for key, value in tree.items():
         name = f"{above}.{key}" if above else key
         if name not in _hints():

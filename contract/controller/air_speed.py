@@ -32,8 +32,8 @@ def weight_count(pairs: int) -> int:
 
 
 def features(window: Array) -> Array:
-    """Compute the features (..., F) of the newest row of windows (..., L, 2 p + 1), oldest row first. A row has the Cp
-    of p pairs of mirrored sensors, one pair after the other, and the action in units of the speed in use.
+    """Compute the features (..., F) of the newest row, which is the last row of a window (..., L, 2 p + 1). A row has
+    the Cp of p pairs of mirrored sensors, one pair after the other, and the action in units of the speed in use.
 
     The signals of a row are the pairs' differences and the action. The features are the pairs' sums in the newest row,
     and for each lag in `LAGS` all products of a signal of the newest row and a signal of the row `lag` rows earlier.

@@ -82,7 +82,7 @@ def limits_in(members: Mapping[str, Member], layout: Mapping[str, str]) -> Itera
         if not each:
             continue
         # If the last axis has one entry per constant, the constants alternate in memory. Otherwise the last axis has
-        # eight entries: one constant of eight outputs.
+        # one constant for each of eight outputs.
         run = 1 if sides[-1] == len(each) else sides[-1]
         count, size = prod(sides), np.dtype(dtype).itemsize
         if len(each) == 1:

@@ -137,7 +137,7 @@ def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
 
 
 def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix]) -> dict[str, ArrayValues]:
-    """Return the prior's filters, each from its first to its last nonzero row, and the weights of the prior's layers.
+    """Return the prior's filters without the zero rows at their ends, and the weights of the prior's layers.
     Without a prior, the mapping is empty. `integers` has the integers of the prior's two matrices by name; a matrix
     without integers is stored as floats with scale 1."""
     if program.prior is None:

@@ -106,7 +106,7 @@ def factor(path: Path, name: str, inside: str, unit: str | None, reference: Refe
 
 
 def seconds_in(unit: str | None) -> float | None:
-    """Return the number of seconds in a unit of time; None if the unit is not a unit of time."""
+    """Return the number of seconds in a unit; None if it is not a unit of time."""
     base, size = _base(unit)
     return size if base == "s" else None
 
