@@ -12,7 +12,7 @@ Precision: TypeAlias = npt.DTypeLike
 """Type of the numbers in a computation: np.float64, or np.float32 for a flow in training."""
 
 Index: TypeAlias = npt.NDArray[np.intp]
-"""Positions in another array, as returned by `np.arange` and `np.argsort`."""
+"""Array of positions in another array, as `np.arange` and `np.argsort` return."""
 
 Mask: TypeAlias = npt.NDArray[np.bool_]
 """Array of flags that selects entries of another array."""
@@ -23,7 +23,7 @@ eight hours. A file with more values is refused before it is read."""
 
 
 def runs(mask: Mask) -> list[tuple[int, int]]:
-    """Return start and end (exclusive) of every run of True."""
+    """Return the start and the end (exclusive) of every run of consecutive True values."""
     edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)).tolist()
     return list(zip(edges[::2], edges[1::2], strict=True))
 

@@ -15,7 +15,7 @@ _STREAMS = (1, 2)
 
 
 def leads_to(path: Path) -> Path:
-    """Follow all links in a path, and return the path at their end. A file is written there, and the links remain.
+    """Follow all links in a path, and return the path of their target. A file written to this path replaces no link.
     Raises StillwakeError for a cyclic link, or a link into a missing folder."""
     place = Path(os.path.realpath(path))
     if place.is_symlink():
@@ -29,10 +29,10 @@ def leads_to(path: Path) -> Path:
 
 
 def check_writable(path: Path, *, folder: bool = False) -> None:
-    """Check before a computation whether its result can be written to `path`; with `folder`, the result is a folder. A
-    test file is created in the nearest existing folder and removed. Raises StillwakeError in these cases: `path` is a
-    folder but the result is a file, or the reverse; `path` ends in `..`; this process prints to `path`; the file has
-    another hard link, which would keep the old content; or `path` is not writable."""
+    """Check before a computation that its result, a file or with `folder` a folder, can be written to `path`. A test
+    file is created in the nearest existing folder and removed. Raises StillwakeError if `path` is a folder but the
+    result is a file, or the reverse; if `path` ends in `..`; if this process prints to `path`; if the file has another
+    hard link, which would keep the old content; or if `path` is not writable."""
     if not folder and path.is_dir():
         raise StillwakeError(f"cannot write {path}: it is a directory, must be a file")
     if folder and path.is_file():
@@ -53,12 +53,12 @@ def check_writable(path: Path, *, folder: bool = False) -> None:
 
 def _check_file(path: Path, there: os.stat_result) -> None:
     if not stat.S_ISREG(there.st_mode):
-        # The result would replace a device, and would not be written to the device.
+        # Writing would replace the device by a file; the device would receive no data.
         raise StillwakeError(f"cannot write {path}: it is neither a file nor a directory")
     if there.st_nlink > 1:
         raise StillwakeError(
             f"cannot write {path}: the file has {there.st_nlink} names (hard links), and the other names would keep "
-            "the old content; remove them, or name another file"
+            "the old content; remove the other names, or name another file"
         )
     for stream in _STREAMS:
         with suppress(OSError):
@@ -69,7 +69,7 @@ def _check_file(path: Path, there: os.stat_result) -> None:
 @contextmanager
 def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
     """Yield a temporary path in the target's folder. The `with` block writes a file or a directory there. If the block
-    succeeds, this file or directory replaces the target; otherwise it is removed.
+    succeeds, this file or directory replaces the target; otherwise the file or directory is removed.
 
     The target is the path at the end of all links in `path`; the links remain. The new content gets the mode of the old
     content. An old directory remains until the new directory has replaced it. With `keep`, no directory is replaced:
@@ -131,7 +131,7 @@ def _take_after(new: Path, old: Path) -> None:
     if (was.st_uid, was.st_gid) != (is_now.st_uid, is_now.st_gid):
         with suppress(PermissionError):
             os.chown(new, was.st_uid, was.st_gid)
-    with suppress(PermissionError):  # a file system without modes raises it
+    with suppress(PermissionError):  # raised by a file system that has no modes
         new.chmod(stat.S_IMODE(was.st_mode))
 
 

@@ -8,12 +8,12 @@ from contract.arrays import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Seen:
-    """The values of a sample that a training reads, made dimensionless with the present speed.
+    """The values of a sample that training reads, made dimensionless with the present speed.
 
-    In an argument of `back`, the derivative of a scalar with respect to each value replaces this value.
+    The argument of `back` has, in place of each value, the derivative of a scalar with respect to this value.
 
     Attributes:
-        Cp: pressure coefficients at the sensors of p mirrored pairs; the two sensors of a pair are adjacent, (2 p,).
+        Cp: pressure coefficients of p mirrored pairs of sensors, (2 p,). The two sensors of a pair are adjacent.
         Cd, Cl: drag and lift coefficients of the body.
         Uy: transverse velocity at the wake probe, divided by the present speed.
     """
@@ -39,28 +39,28 @@ class FlowState:
 
 
 class DifferentiableFlow(Protocol):
-    """A plant that records its steps on a tape (`wake.truck.tape.Tape`) and differentiates them backwards."""
+    """A plant that records its steps on a tape (`wake.truck.tape.Tape`) for reverse-mode differentiation."""
 
     def begin(self, state: FlowState, speeds: Array) -> Seen:
-        """Continue from a state with an empty tape.
+        """Start a run of n periods from a state, with an empty tape.
 
         Args:
-            speeds: (n + 1,) speeds of a run of n periods, as ratios to the design speed: at the start, then at each
-                period's sample. Between samples the speed is linear in time.
+            speeds: speeds as ratios to the design speed, (n + 1,): the speed at the start, then the speed at the sample
+                of each period. Between samples the speed is linear in time.
         """
 
     def advance(self, action: float) -> Seen:
-        """Advance by a control period, over which the jets move to `action`, and record the period on the tape. Raises
-        PlantError if the flow diverged, or the run is too long for the tape's memory."""
+        """Advance by a control period, in which the jets move to `action`, and record the period on the tape. Raises
+        PlantError if the flow diverged, or if the run is too long for the tape's memory."""
 
     def back(self, weights: Seen) -> float:
-        """Go back by a period, and return the derivative of a scalar with respect to the period's action. `weights` has
-        the scalar's derivatives with respect to the period's sample. The first call is for the last period."""
+        """Go back by a period, and return the derivative of a scalar with respect to this period's action. `weights`
+        has the scalar's derivatives with respect to this period's sample. The first call is for the last period."""
 
     def state(self) -> FlowState:
         """Return the flow's present state, which `begin` accepts."""
 
     def at_rest(self, state: FlowState, speed: float) -> tuple[float, float] | None:
-        """Return two means of the wake without jets, in Cp: the base pressure, and the magnitude of the differences
-        between mirrored sensors. Return None if no sensor is on the base. The constant speed is in units of the design
-        speed. `state` is a developed wake at the design speed. Raises PlantError if the flow diverged."""
+        """Return two mean values of the wake without jets, in Cp: the base pressure, and the magnitude of the
+        differences between mirrored sensors. Return None if no sensor is on the base. `speed` is constant, as a ratio
+        to the design speed. `state` is a developed wake at the design speed. Raises PlantError if the flow diverged."""

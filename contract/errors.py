@@ -28,7 +28,7 @@ class ConflictError(ConfigError):
 
 
 class OutputError(StillwakeError):
-    """A file or folder already exists where a result would be written, and the user did not ask to replace it."""
+    """A result that would replace an existing file or folder, although the user did not ask to replace it."""
 
 
 class DatasetError(StillwakeError):
@@ -48,7 +48,7 @@ class BundleError(StillwakeError):
 
 
 class BundleContainerError(BundleError):
-    """A bundle's folder or image that cannot be read: truncated, too large, or with paths, links or duplicate names."""
+    """A bundle's folder or image that is unreadable, truncated or too large, or has paths, links or duplicate names."""
 
 
 class BundleManifestError(BundleError):

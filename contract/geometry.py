@@ -2,8 +2,8 @@
 
 `contract.config.body` describes other bodies in this domain. They have the width 1, and slots like the truck's slots.
 
-The front of the body is at x = 0, its axis of symmetry at y = 0. Velocities are in U_inf, times in t_c = W / U_inf,
-pressures are Cp = (p - p_outlet) / (rho U_inf^2 / 2).
+The front of the body is at x = 0. The body's axis of symmetry is y = 0. Velocities are in U_inf, times are in t_c = W /
+U_inf, and pressures are Cp = (p - p_outlet) / (rho U_inf^2 / 2).
 """
 
 from typing import Final

@@ -15,13 +15,13 @@ _HEADERS: Final = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_hea
 
 
 class Arrays(dict[str, npt.NDArray[Any]]):
-    """The arrays of a file by name. A method raises ValueError if an array is not of the kind it returns."""
+    """The arrays of a file by name. The methods raise ValueError for a missing array, or a wrong type or shape."""
 
     def __missing__(self, name: str) -> npt.NDArray[Any]:
         raise ValueError(f"it lacks {name!r}")
 
     def numbers(self, name: str, *shape: int | None) -> Array:
-        """Return an array of numbers. In its `shape`, None means any length. NaN is allowed, infinity is not."""
+        """Return an array of numbers. None in `shape` allows any length. NaN is allowed, but infinity is not."""
         array = self[name]
         fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
         if array.dtype.kind not in "fiu" or not fits or np.isinf(array).any():
@@ -30,7 +30,7 @@ class Arrays(dict[str, npt.NDArray[Any]]):
         return array.astype(np.float64)
 
     def text(self, name: str) -> str:
-        """Return the text in the array with this name, which must hold exactly one text."""
+        """Return the single text in an array."""
         array = self[name]
         if array.dtype.kind != "U" or array.shape:
             raise ValueError(f"{name!r} is {array.dtype} of shape {array.shape}: must be a text")
@@ -58,7 +58,7 @@ def read_npz(path: Path, *, objects: bool = False) -> Arrays:
                     size = math.prod(shape) * dtype.itemsize
                     total += max(math.prod(shape), size // 8)
                     if size != item.file_size - file.tell():
-                        raise ValueError(f"{item.filename} is {dtype} of shape {shape}, which it does not hold")
+                        raise ValueError(f"{item.filename}: its size does not match {dtype} of shape {shape}")
                     if total > MOST_VALUES:
                         raise ValueError(f"it holds {total} values: must be at most {MOST_VALUES}")
                     values = np.frombuffer(bytearray(file.read()), dtype=dtype) if size else np.empty(0, dtype)

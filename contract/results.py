@@ -1,4 +1,4 @@
-"""The files in `results/`. They contain figures, and facts about the origin of the figures."""
+"""The functions for the files in `results/`, which contain figures and facts about the origin of the figures."""
 
 import json
 import os

@@ -26,9 +26,9 @@ class SensorLayout:
     Attributes:
         names: names of the sensors, all different, (n,).
         positions: positions (x, y) in the body's reference length W, x along the flow, y across it, (n, 2).
-        base: columns of the sensors on the base; may be empty. Their mean pressure is the base pressure.
-        mirror: column of each sensor's mirror image, (n,). So Cp[mirror] are the readings in the mirrored flow (y ->
-            -y). None if the sensors have no mirror images or the body is not symmetric.
+        base: columns of the sensors on the base; may be empty. The base pressure is the mean over these columns.
+        mirror: column of each sensor's mirror image, (n,). In the mirrored flow (y -> -y) the readings are Cp[mirror].
+            None if the sensors have no mirror images or the body is not symmetric.
 
     Raises ConfigError for a contradictory layout.
     """
@@ -54,11 +54,11 @@ class SensorLayout:
         first, second = np.nonzero(np.triu(_distance(self.positions, self.positions) < SAME_PLACE, 1))
         if first.size:
             one, other = self.names[first[0]], self.names[second[0]]
-            raise ConfigError(f"sensors {one} and {other} have one position: leave one of them out")
+            raise ConfigError(f"sensors {one} and {other} have the same position: leave one of them out")
         if self.base.size and not (self.base.min() >= 0 and self.base.max() < count):
             raise ConfigError(f"base sensors {self.base.tolist()}: must be columns from 0 to {count - 1}")
         if self.mirror is not None and not _is_involution(self.mirror, count):
-            raise ConfigError("mirror images of the sensors: each must have the sensor itself as its mirror image")
+            raise ConfigError("mirror images of the sensors: the image of each image must be the sensor itself")
 
     def __len__(self) -> int:
         return len(self.names)
@@ -78,7 +78,7 @@ class SensorLayout:
         )
 
     def without_partner(self) -> tuple[str, ...]:
-        """Return the names of the sensors without a sensor at (x, -y)."""
+        """Return the names of the sensors at (x, y) for which no sensor is at (x, -y)."""
         far = _distance(self.positions, self.positions * (1.0, -1.0)).min(axis=1) > SAME_PLACE
         return tuple(name for name, alone in zip(self.names, far, strict=True) if alone)
 
@@ -86,13 +86,13 @@ class SensorLayout:
         """Return the columns of named sensors. Raises ConfigError for a name that does not exist or is given twice."""
         for name in names:
             if name not in self.names:
-                raise ConfigError(f"unknown sensor {name!r}: there are {_listed(self.names)}")
+                raise ConfigError(f"unknown sensor {name!r}: the sensors are {_listed(self.names)}")
         if len(set(names)) != len(names):
             raise ConfigError(f"sensor named twice in {list(names)}")
         return np.array([self.names.index(name) for name in names], dtype=np.intp)
 
     def only(self, columns: Index) -> "SensorLayout":
-        """Return the layout of some columns, in order. `mirror` is None, because mirror images may be missing."""
+        """Return the layout of the sensors in these columns, without `mirror`, because mirror images may be missing."""
         return SensorLayout(
             names=tuple(self.names[column] for column in columns),
             positions=self.positions[columns],
@@ -120,7 +120,7 @@ def _is_involution(mirror: Index, count: int) -> bool:
 
 
 def _mirror(positions: Array) -> Index | None:
-    """Return the column at (x, -y) for every column; None if a sensor has no partner."""
+    """Return for every sensor the column of the sensor at (x, -y). Return None if such a sensor is missing."""
     if positions.ndim != 2 or not len(positions):
         return None
     distance = _distance(positions, positions * (1.0, -1.0))
@@ -132,7 +132,7 @@ def _mirror(positions: Array) -> Index | None:
 
 
 def _distance(to: Array, start: Array) -> Array:
-    """Return the distance from each of n starts to each of n positions, (n, n): the larger of |dx| and |dy|."""
+    """Return the distances between n positions and n starts, (n, n). A distance is the larger of |dx| and |dy|."""
     return np.asarray(np.abs(to[None, :, :] - start[:, None, :]).max(axis=2))
 
 

@@ -1,5 +1,5 @@
-"""The execution of work in parallel processes: on this machine, or in dask workers, which may run on other machines and
-may die. No process and no temporary file remains, even if the work fails or is stopped."""
+"""The functions that run work in parallel processes: on this machine, or in dask workers, which may be on other
+machines and may die. No process and no temporary file remains, even if the work fails or is stopped."""
 
 import logging
 import multiprocessing
@@ -62,13 +62,13 @@ def spread(
         call: returns the function and the arguments that are sent to a worker for a job; called when a slot is free.
         workers: largest number of local processes to start; there are never more processes than jobs.
         scheduler: address of a running scheduler to use instead of local processes.
-        names: returns two texts for error messages: the job's name, and which results remain stored if the job fails.
+        names: returns two texts for error messages: the job's name, and a note on the results that remain stored.
         finished: called in this process with every finished job and its result, in the order in which the jobs finish.
         looked: called at every poll with the number of threads of each worker, by the worker's address.
-        slots: returns the number of jobs that the workers run at the same time; its argument is that of `looked`.
+        slots: returns the number of jobs that the workers run at the same time; it gets the argument of `looked`.
 
-    Raises StillwakeError if the scheduler cannot be reached or has no worker, workers died too often during one job, or
-    the job raised a StillwakeError.
+    Raises StillwakeError if the scheduler cannot be reached or has no worker, if workers died too often during one job,
+    or if a job raised a StillwakeError.
     """
     if not jobs:
         return
@@ -113,7 +113,7 @@ def _result(future: "Future", name: str, kept: str) -> Any:
 
 @contextmanager
 def dask_client(workers: int, scheduler: str | None) -> "Iterator[Client]":
-    """Open a client of the scheduler, or of a new local cluster of single-threaded processes. Raises as `spread`."""
+    """Open a client of the scheduler, or start a local cluster of single-threaded processes. Raises as `spread`."""
     import dask.config
     from distributed import Client
 
@@ -144,8 +144,8 @@ def _local_cluster(workers: int) -> "LocalCluster":
     from distributed import LocalCluster
 
     # The cluster's thread and all workers that it starts inherit the blocked signals. In this process the signals are
-    # only delayed until the cluster has started. Python's resource tracker would unblock the signals when it starts, so
-    # it is started first.
+    # only delayed until the cluster has started. The start of Python's resource tracker would unblock the signals, so
+    # the tracker is started first.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
     try:

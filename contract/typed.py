@@ -1,5 +1,5 @@
-"""A reader of users' TOML files, and a converter of TOML and JSON trees to typed values (with msgspec). An error is one
-line with the place, the value and the allowed values."""
+"""A reader of users' TOML files, and a converter of TOML and JSON trees to typed values (with msgspec). The text of an
+error is one line with the place, the value and the allowed values."""
 
 import re
 import tomllib
@@ -45,7 +45,7 @@ def read_toml(source: Traversable, what: str) -> dict[str, Any]:
         raise ConfigError(f"{what} {source}: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{what} {source}: is not UTF-8 text") from error
-    except (ValueError, RecursionError) as error:  # errors of tomllib, or of a NUL in the path
+    except (ValueError, RecursionError) as error:  # raised by tomllib, or for a NUL in the path
         raise ConfigError(f"{what} {source}: {error}") from error
 
 
@@ -55,8 +55,8 @@ def untyped(value: Any) -> dict[str, Any]:
 
 
 def typed(tree: object, kind: type[T], *, complete: bool = False) -> T:
-    """Convert a tree to a dataclass. Whole numbers become floats and lists become tuples where the fields' types
-    require it. `complete` states whether the tree must also have the fields that have defaults. Raises ConfigError if a
+    """Convert a tree to a dataclass. Where a field's type requires it, a whole number becomes a float, and a list a
+    tuple. `complete` states whether the tree must also have the fields that have defaults. Raises ConfigError if a
     name is unknown or missing, or a value has another type."""
     _check_names(tree, kind, "", complete=complete)
     try:
@@ -65,7 +65,7 @@ def typed(tree: object, kind: type[T], *, complete: bool = False) -> T:
         wording, _, place = str(error).removesuffix("`").partition(" - at `$")
         wrong, hint = tree, kind
         for name, index in _STEP.findall(place):
-            wrong = wrong[name or int(index)]  # type: ignore[index]  # msgspec has been there
+            wrong = wrong[name or int(index)]  # type: ignore[index]  # msgspec stated this place
             hint = get_type_hints(hint).get(name) if is_dataclass(hint) else None  # type: ignore[assignment]
         raise ConfigError(f"{place.lstrip('.')} = {quoted(wrong, LONGEST_SHOWN)}: {_right(wording, hint)}") from error
     _set_in_order(value)
@@ -73,7 +73,7 @@ def typed(tree: object, kind: type[T], *, complete: bool = False) -> T:
 
 
 def _right(wording: str, hint: Any) -> str:
-    """Return the condition on a value, in words, from msgspec's message and the field's type."""
+    """Describe the condition on a value in words, from msgspec's message and the field's type."""
     if get_origin(hint) is Literal:
         *most, last = map(repr, get_args(hint))
         return f"must be {', '.join(most)} or {last}"
@@ -117,7 +117,7 @@ def _set_in_order(value: object) -> None:
 def _part_of(hint: Any) -> Any:
     """Return the dataclass in a field's type, which may be optional or a list; None if there is no dataclass."""
     if get_origin(hint) is Mapping:
-        return None  # its keys are chosen by the user
+        return None  # the user chooses the keys of a mapping
     return next((part for part in (hint, *get_args(hint)) if isinstance(part, type) and is_dataclass(part)), None)
 
 

@@ -1,7 +1,7 @@
 """The checks that a lowering must pass before anything is written.
 
 The gate between reference and lowering computes the same control steps with both, and tolerances limit the
-differences. float32 has about 7 digits, and a roll-out of 25 steps with layer norms amplifies its rounding to about
+differences. float32 has about 7 digits, and a roll-out of 25 steps with layer norms raises rounding errors to about
 1e-6 in a force of order 1. Adam moves an action by about lr per iteration for any size of the gradient, so most actions
 agree to 1e-7. But if a gradient component is near Adam's epsilon, or a kink of |Cl| or max Cd lies between the two
 rounded values, the moves differ by a part of lr.
@@ -30,8 +30,8 @@ speed."""
 LIMITS: Final = (1.0, 0.8, 0.3, 1.2, 0.55)
 """Bounds on the action's magnitude |a|, as fractions of the controller's bound; the cases use them in turn."""
 BEYOND: Final = 100.0
-"""Factor on the weights of effort and lift in every fourth case. It puts the goal outside the prior's training
-range."""
+"""Factor on the weights of effort and lift in every fourth case. With this factor the goal is outside the prior's
+training range."""
 MOVE: Final = 5e-3
 """Largest allowed difference of an action, as a fraction of Adam's largest move (iterations * learning rate). With the
 paper's settings the largest difference is 2.5e-5 U_inf W."""
@@ -43,17 +43,17 @@ COST: Final = 1e-4
 
 QUANTISATION_LIMITS: Final[Mapping[str, float]] = {"rms_action_error": 1e-3, "max_cost_gap": 1e-3}
 """Largest permitted figures of int8 weights. The rms error of the commanded action a_t, in U_inf W, may be a fifth of
-the largest move in a control step: iterations * learning rate, 5e-3 with the paper's settings. The largest error has no
-limit. If a gradient is close to zero, Adam may move an action in opposite directions in the two programs, but the cost
-hardly changes. The cost gap, an increase of the cost J, is in units of Cd."""
+the largest move in a control step. This move is iterations * learning rate, 5e-3 with the paper's settings. A single
+error has no limit: if a gradient is close to zero, Adam may move an action in opposite directions in the two programs,
+but the cost hardly changes. The cost gap, an increase of the cost J, is in units of Cd."""
 
 Figures = dict[str, float]
 """The figures of a gate by name. "cases" is the number of control steps."""
 
 
 class ControlCase(NamedTuple):
-    """The arguments of `Controller.control_step` in order, representable in float32 so that reference and lowering get
-    equal numbers."""
+    """The arguments of `Controller.control_step` in order. All are representable in float32, so that reference and
+    lowering get equal numbers."""
 
     window: Array
     plan: Array
@@ -96,10 +96,10 @@ def case_speed(program: ControllerProgram, number: int) -> float:
 
 
 def check_lowering(program: ControllerProgram, lowering: Controller, name: str, windows: Sequence[Array]) -> Figures:
-    """Compare a lowering with the reference. Returns the largest difference of an action, in U_inf W, of a force, and
-    of the cost or a term. Raises ExportError if a difference exceeds its tolerance or is NaN. `program` is the program
-    that the lowering should compute; for an int8 lowering, it has the dequantised weights. `windows` are recorded
-    windows (L, S+1) of L rows and S sensors, one per case."""
+    """Compare a lowering with the reference. Returns three largest differences: between actions in U_inf W, between
+    forces, and between costs or terms. Raises ExportError if a difference exceeds its tolerance or is NaN. `program` is
+    the program that the lowering should compute; for an int8 lowering, `program` has the dequantised weights. `windows`
+    are recorded windows (L, S+1) of L rows and S sensors, one per case."""
     differences = []
     for case in control_cases(program, windows):
         expected = control_step(program, *case)
@@ -117,7 +117,7 @@ def check_lowering(program: ControllerProgram, lowering: Controller, name: str, 
         # The comparison is written so that NaN fails the gate too.
         if not difference <= allowed:
             raise ExportError(
-                f"{name} and reference differ by {difference:.2g} in {figure}, at most {allowed:.2g} is allowed"
+                f"{name} and reference differ by {difference:.2g} in {figure}; at most {allowed:.2g} is allowed"
             )
     return {"cases": len(differences), "action": action, "force": force, "cost": cost}
 
@@ -176,8 +176,8 @@ def compare_answers(
 
 
 def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float, float | None]:
-    """Return weights, speed and limit for the window with this number; None stands for the program's weights or limit.
-    If the program has a prior, every second window has weights and a limit in the middle of the prior's range."""
+    """Return weights, speed and limit for the window with this number. None stands for the program's weights or limit.
+    If the program has a prior, every second window gets weights and a limit in the middle of the prior's range."""
     speed, own = case_speed(program, number), program.mpc.weights
     if program.prior is None or number % 2 == 0:
         return None, speed, None
@@ -195,6 +195,6 @@ def check_quantisation(figures: Figures, limits: Mapping[str, float], *, name: s
         # The comparison is written so that NaN fails the gate too.
         if not found <= allowed:
             raise ExportError(
-                f"{name}: {figure} is {found:.2g}, at most {allowed:.2g} is allowed; "
-                "train longer, or export with --precision float32"
+                f"{name}: {figure} is {found:.2g}; at most {allowed:.2g} is allowed. "
+                "Train longer, or export with --precision float32"
             )

@@ -1,16 +1,16 @@
-"""The rounding of weights to integers, once, so that all int8 lowerings use equal integers. The reference uses the
-program with dequantised weights; the hash of this program is in manifest and C header.
+"""The rounding of weights to integers. Weights are rounded once, so that all int8 lowerings have equal integers. The
+reference uses the program with dequantised weights. The manifest and the C header have the hash of this program.
 
 Weights are symmetric int8 with one scale per output row; biases, norms and arithmetic remain float. W[r, c] ~ scale[r]
 q[r, c] with q in -127 .. 127 and scale[r] = max_c |W[r, c]| / 127, so that the error of a weight is at most scale / 2.
 With int8 the file is a quarter as large; on x86 the control step is not faster. The sensor estimator's matrices are
 rounded to nearest in the same way.
 
-A program is rounded with error feedback on the inputs of every layer on recorded windows. The encoder runs over the
-windows. Dynamics and decoder run over roll-outs from every window's latent state with a few plans: zero, full amplitude
-in either direction, random plans, and random walks that resemble an optimised plan. The integer scales of an int8
-lowering's activations follow from the largest magnitudes over these inputs. Biases are not corrected by the mean of the
-remaining error, because after error feedback this would gain nothing.
+A program is rounded with error feedback (`quantise_on`), for inputs of every layer that come from recorded windows. The
+encoder runs over the windows. Dynamics and decoder run over roll-outs from every window's latent state with a few
+plans: zero, full amplitude in either direction, random plans, and random walks that resemble an optimised plan. The
+integer scales of an int8 lowering's activations follow from the largest magnitudes in these inputs. Biases are not
+corrected by the mean of the remaining error, because after error feedback such a correction would gain nothing.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -70,8 +70,8 @@ def row_scales(weight: Array) -> npt.NDArray[np.float32]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RoundedProgram:
-    """A program with int8 weights. `source` is the program before rounding; `program` has the dequantised weights, for
-    the reference; `matrices` has integers and scales by the names of `export.program.controller_program`."""
+    """A program with int8 weights. `source` is the program before rounding. `program` has the dequantised weights, for
+    the reference. `matrices` has integers and scales by matrix name (`export.program.controller_program`)."""
 
     source: ControllerProgram
     program: ControllerProgram
@@ -162,14 +162,14 @@ def quantise_on(weight: Array, inputs: Array) -> Int8Matrix:
 
 
 def rounded_on(program: ControllerProgram, windows: Sequence[Array]) -> RoundedProgram:
-    """Round a program on recorded windows (L, S+1) of L rows and S sensors. Raises ExportError if there are no
-    windows."""
+    """Round a program's weights with `quantise_on`, using recorded windows (L, S+1) of L rows and S sensors. Raises
+    ExportError if there are no windows."""
     inputs = layer_inputs(program, windows)
     return RoundedProgram.of(program, lambda name, weight: quantise_on(weight, inputs[name]))
 
 
 def activation_ranges(program: ControllerProgram, windows: Sequence[Array]) -> dict[str, float]:
-    """Return the largest magnitude of each array of `layer_inputs`, by the same names; raises as it does."""
+    """Return the largest magnitude of each array of `layer_inputs`, by name. Raises the errors of `layer_inputs`."""
     return {name: float(np.abs(values).max()) for name, values in layer_inputs(program, windows).items()}
 
 

@@ -44,7 +44,7 @@ class BodyConfig(Settings, source=paper("section 2.1")):
     @property
     def wake_probe(self) -> tuple[float, float]:
         """Position of the wake probe, which measures the transverse velocity. The probe is as far behind the base as
-        the truck's probe, at (10, 0), is behind the truck's base."""
+        the truck's probe, which is at (10, 0)."""
         # Rounding makes the truck's value exactly 10.
         return round(self.length + 2.353, 9), 0.0
 

@@ -51,9 +51,9 @@ class MpcConfig(Settings, source=paper("section 2.4.2")):
     learning_rate: Positive[float] = 1e-3
     """Learning rate of the Adam iterations."""
     epsilon: Annotated[Positive[float], ours("from Kingma and Ba; the paper gives none")] = 1e-8
-    """Constant that Adam adds to the root of the gradient's second moment. If the constant is far below the gradient's
-    magnitude, the first step equals the learning rate. If it is far above, the first step is the gradient times
-    learning rate / `mpc.epsilon`."""
+    """Constant that Adam adds to the root of the gradient's second moment. With a constant far below the gradient's
+    magnitude, the first step equals the learning rate. With a constant far above this magnitude, the first step is the
+    gradient times learning rate / `mpc.epsilon`."""
     drag_reference: Annotated[Finite[float], paper("section 2.4.1")] = 1.051
     """C_d,ref: mean drag coefficient without control. This constant shifts the cost, but changes no plan."""
     weights: CostWeights = field(default_factory=CostWeights)

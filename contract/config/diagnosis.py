@@ -30,8 +30,8 @@ class CanId(NamedTuple):
 
 
 def parse_id(value: int | str) -> CanId | None:
-    """Parse the identifier in a setting: up to three hex digits for 11 bits, eight for 29 bits. An int stands for three
-    hex digits if three are enough, otherwise for eight. Return None if the text is no identifier."""
+    """Parse the identifier in a setting. Up to three hex digits give 11 bits, and eight hex digits give 29 bits. An int
+    is written with three digits or, if it is too large, with eight. Return None if the value is no identifier."""
     if isinstance(value, int):
         value = f"0x{value:03X}" if value < 1 << 4 * _SHORT else f"0x{value:08X}"
     found = _TEXT.fullmatch(value)
@@ -113,7 +113,7 @@ class DiagnosisConfig(
 
     def _id(self, name: str) -> CanId:
         found = parse_id(getattr(self, name))
-        assert found is not None, "its rule holds"
+        assert found is not None, "the setting's rule holds"
         return found
 
 

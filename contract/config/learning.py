@@ -66,8 +66,8 @@ class ModelConfig(Settings, source=paper("table 1")):
 @dataclass(frozen=True, kw_only=True)
 class FinishConfig(Settings, section="train.finish", source=ours("the paper has no finish", page="how-to/train.md")):
     """The finish: the last passes of the joint fit. The earlier passes predict 5 steps. The finish predicts more steps,
-    to reduce the error at the controller's horizon. A training that begins with so many steps fails: it predicts only
-    the mean forces.
+    to reduce the error at the controller's horizon. Training that begins with so many steps fails: the model then
+    predicts only the mean forces.
 
     In the finish, each of these fields replaces the field of `train` with the same name.
     """
@@ -111,14 +111,14 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     """Whether the joint fit reads each segment once and carries the LSTM's state from row to row, instead of reading
     each window from its start. The passes of `finish` always read windows."""
     schedule: Annotated[Literal["constant", "one_cycle"], paper("section 2.2.4", "one learning rate")] = "constant"
-    """Course of the learning rate over a phase: `constant`, or `one_cycle`, which raises it to `train.learning_rate`
-    and then lowers it to 0."""
+    """Course of the learning rate over a phase: `constant` or `one_cycle`. With `one_cycle` the rate rises to
+    `train.learning_rate` and then falls to 0."""
     finish: FinishConfig = field(default_factory=FinishConfig)
     stream_epochs: Annotated[NonNegative[float], PASSES, paper("section 2.3.2", "the encoder reads windows")] = 0.0
-    """Number of passes of the distillation that read the recording as a stream. They come before the passes that read
-    windows, and take far less time. The later passes reduce the error only a little further."""
+    """Number of distillation passes that read the recording as a stream. These passes come before the passes that read
+    windows, and take far less time. The passes that read windows reduce the error only a little further."""
     distil_epochs: Annotated[Positive[float], PASSES, ours("as in the joint fit; the paper gives none")] = 300.0
-    """Number of passes that read windows in the distillation of the slim encoder."""
+    """Number of distillation passes that read windows, for the slim encoder."""
     predictor_epochs: Annotated[Positive[float], PASSES, _ENCODER_ALONE] = 10.0
     """Number of passes over the roll-outs from which the slim dynamics and decoder are distilled."""
     predictor_lessons: Annotated[AtLeastOne[int], _ENCODER_ALONE] = 65536
@@ -129,8 +129,8 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     the plan. The errors of latents and forces have weight 1."""
     sensor_noise: Annotated[NonNegative[float], paper("appendix B", "noise in tests only")] = 0.0
     """Standard deviation of sensor noise, in global standard deviations of pressure (paper, appendix B). The
-    distillation adds the noise to the slim encoder's inputs; greedy and random selection assume it on all sensors.
-    Without noise, a sensor far upstream with small fluctuations has as much influence as a sensor on the base."""
+    distillation adds the noise to the slim encoder's inputs. Greedy and random selection assume this noise on all
+    sensors. Without noise, a sensor far upstream with small fluctuations counts as much as a sensor on the base."""
     sensors: Annotated[AtLeastOne[int], paper("section 3.2")] = 4
     """Number of sensors that the slim encoder reads."""
     selection: Annotated[SelectionMethod, paper("section 2.3.1")] = "shap"
@@ -152,12 +152,12 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
 
 @dataclass(frozen=True, kw_only=True)
 class RefineConfig(Settings, source=ours("the paper has no prior", page="explanation/through-the-flow.md")):
-    """The training of the prior, the network that computes the optimiser's initial plan. The prior controls simulated
-    flows. The cost over a stretch, an interval of such a run, is differentiated through the flow solver with respect to
-    the prior's weights."""
+    """The training of the prior, the network that computes the optimiser's initial plan. In training the prior controls
+    simulated flows. A stretch is an interval of such a flow. The cost over a stretch is differentiated through the flow
+    solver with respect to the prior's weights."""
 
     memory: Annotated[int, at_least(2), STEPS] = 64
-    """Number of past rows that the prior reads: the sensor differences and action of a control period."""
+    """Number of past rows that the prior reads. A row has the sensor differences and the action of a control period."""
     units: AtLeastOne[int] = 24
     """Width of the prior's hidden layer."""
     updates: AtLeastOne[int] = 450
@@ -200,7 +200,7 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     """Largest share of a stretch's periods whose pressures are lost; in half of the stretches no pressures are lost."""
     refinement: Positive[float] = 0.75
     """Refinement of the training's grid, like `flow.refinement`. The default takes a quarter of the time of refinement
-    1. Controllers trained on coarser grids than the default behave differently from those with refinement 1."""
+    1. Controllers trained on a coarser grid than the default behave differently from controllers trained with 1."""
     substeps: AtLeastOne[int] = 15
     """Number of time steps per control period on the training's grid at the design speed; higher speeds use more."""
     single_precision: bool = True

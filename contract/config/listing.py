@@ -43,7 +43,7 @@ class Setting:
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """A section: its dotted name, a paragraph on its meaning, and its settings except those of subsections."""
+    """A section of settings: dotted name, a paragraph on the meaning, and the settings that are in no subsection."""
 
     name: str
     meaning: str
@@ -56,9 +56,9 @@ def sections(config: Config) -> tuple[Section, ...]:
 
 
 def as_toml(listed: Sequence[Section], *, base: str | None = None) -> str:
-    """Write the listed settings as a TOML file that `contract.config.loading.load` reads back unchanged. `base` names
-    the settings that the file modifies, "paper" or "release"; None leaves out the line with this name. TOML cannot
-    express "none": a setting that is None is left out and gets the paper's value when the file is read."""
+    """Return the text of a TOML file from which `contract.config.loading.load` reads the listed settings unchanged.
+    `base` is "paper" or "release", the settings that the file modifies; with None the file does not state them. TOML
+    cannot express "none": a setting that is None is left out and gets the paper's value when the file is read."""
     parts = [] if base is None else [f"base = {_toml(base)}\n"]
     for section in listed:
         if held := [one for one in section.settings if one.value is not None]:
@@ -68,7 +68,7 @@ def as_toml(listed: Sequence[Section], *, base: str | None = None) -> str:
 
 
 def shown(value: object) -> str:
-    """Format a value for people: the shortest text from which the same value can be read."""
+    """Format a value for people, as the shortest text from which the same value can be read."""
     if value is None or value == "":
         return "none"
     if isinstance(value, list | tuple):

@@ -16,8 +16,8 @@ from contract.typed import LONGEST_SHOWN, read_toml, typed
 
 
 def check_names(tree: Mapping[str, Any], above: str = "") -> None:
-    """Check that every name in a tree is in `Config`, and that sections and values are not confused. Raises ConfigError
-    with the wrong name and the most similar correct names."""
+    """Check that every name in a tree is in `Config`, and that no section is used as a value or the reverse. Raises
+    ConfigError with the wrong name and the most similar correct names."""
     for key, value in tree.items():
         name = f"{above}.{key}" if above else key
         if name not in _hints():
@@ -136,14 +136,14 @@ def from_tree(tree: Mapping[str, Any]) -> Config:
 
 
 def without_retired(tree: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the nested mappings without the settings in `RETIRED`. Raises ConfigError if one of these settings has a
-    value other than the one in `RETIRED`."""
+    """Return the nested mappings without the settings in `RETIRED`. Raises ConfigError if the value of such a setting
+    differs from the value in `RETIRED`."""
     for name, value in RETIRED.items():
         section, _, key = name.partition(".")
         if not isinstance(inside := tree.get(section), Mapping) or key not in inside:
             continue
         if inside[key] != value:
-            raise ConfigError(f"{name} = {_short(inside[key])}: this version has no such setting, must be {value}")
+            raise ConfigError(f"{name} = {_short(inside[key])}: this version has no such setting; must be {value}")
         tree = {**tree, section: {one: inside[one] for one in inside if one != key}}
     return tree
 

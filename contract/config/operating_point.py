@@ -28,7 +28,7 @@ class OperatingPoint(
 
     @property
     def convective_time(self) -> float:
-        """t_c = W / U_inf in s: the convective time."""
+        """Convective time t_c = W / U_inf, in s."""
         return self.width / self.speed
 
     @property
@@ -38,7 +38,7 @@ class OperatingPoint(
 
     @property
     def flow_rate_scale(self) -> float:
-        """U_inf W in m2/s: the jet flow rate per unit span at an action of 1."""
+        """Jet flow rate per unit span at an action of 1: U_inf W, in m2/s."""
         return self.speed * self.width
 
     def period_ns(self, control_period: float) -> int:

@@ -58,7 +58,7 @@ class ForcingConfig(Settings, source=paper("section 2.1")):
     """Start frequency of the test episode's chirp, which ends at `forcing.chirp_end`."""
     chirp_end: Annotated[Positive[float], FREQUENCY] = 0.4
     extended_chirp_start: Annotated[Positive[float], FREQUENCY, paper("appendix A")] = 0.01
-    """Start frequency of the extended chirp, whose frequencies exceed the range of the training waveform (paper,
+    """Start frequency of the extended chirp, which goes beyond the frequencies of the training waveform (paper,
     appendix A)."""
     extended_chirp_end: Annotated[Positive[float], FREQUENCY, paper("appendix A")] = 0.8
     exploration_time: Annotated[
@@ -70,7 +70,7 @@ class ForcingConfig(Settings, source=paper("section 2.1")):
 
 @dataclass(frozen=True, kw_only=True)
 class OpenFoamConfig(Settings, source=ours("the second plant is not the paper's case", page="how-to/use-openfoam.md")):
-    """The mesh and first flow of OpenFOAM, the second plant. In a coupled run, it uses the time step of `flow`."""
+    """The mesh and initial flow of OpenFOAM, the second plant. A coupled run has the time step of `flow`."""
 
     refinement: Annotated[float, _REFINEMENT, ours("the mesh of the comparison", page="how-to/use-openfoam.md")] = 1.0
     """Divisor of all spacings of the body-fitted mesh; a finer mesh needs a smaller time step."""

@@ -38,8 +38,8 @@ class Source:
 
 
 def paper(place: str, note: str = "") -> Source:
-    """Mark a default as the number at a place in the paper, such as "section 2.1". If the number is not there, `note`
-    says how it follows. Equations have the manuscript's numbers, which do not restart with each section."""
+    """Mark a default as the number at a place in the paper, such as "section 2.1". If the number is not at this place,
+    `note` says how it follows. Equations have the manuscript's numbers, which do not restart with each section."""
     return Source("paper", place=place, note=note)
 
 
@@ -49,13 +49,13 @@ def standard(name: str, note: str) -> Source:
 
 
 def ours(reason: str, *, page: str = "") -> Source:
-    """Mark a default as the project's own number, with the reason for it and, if given, a page that says more."""
+    """Mark a default as the project's own number. `reason` justifies the number, and `page` says more about it."""
     return Source("ours", note=reason, page=page)
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit, as written after a number: metadata of an `Annotated` type."""
+    """A unit, as it is written after a number. It is metadata of an `Annotated` type."""
 
     name: str
 
@@ -112,13 +112,13 @@ class Rule:
 
 
 def at_least(least: int, reason: str = "", *, or_none: bool = False) -> Rule:
-    """Return the rule that a value is at least `least`, for the given reason."""
+    """Return the rule that a value must be at least `least`. Its wording contains the reason."""
     wording = f"at least {least}{f', {reason}' if reason else ''}"
     return Rule(wording=wording, holds=lambda value: value >= least, or_none=or_none)
 
 
 def within(least: float, most: float, reason: str) -> Rule:
-    """Return the rule that a value is from `least` to `most`, for the given reason."""
+    """Return the rule that a value must be from `least` to `most`. Its wording contains the reason."""
     return Rule(wording=f"in {least}..{most}: {reason}", holds=lambda value: least <= value <= most)
 
 

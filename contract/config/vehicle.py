@@ -65,7 +65,7 @@ class E2eConfig(
 class BackgroundConfig(
     Settings, section="bus.background", source=ours("a bus without other nodes", page="explanation/simulated-bus.md")
 ):
-    """The traffic of other nodes on the simulated bus. Without it, frames hardly ever wait for the bus."""
+    """The traffic of other nodes on the simulated bus. Without this traffic, frames hardly ever wait for the bus."""
 
     load: Fraction[float] = 0.0
     """Share of the bus time that generated periodic messages take, including stuff bits."""
@@ -135,8 +135,8 @@ class SensorCheckConfig(
     enabled: Annotated[bool, ours("a sensor that reads wrongly costs most of the drag reduction", page=_LIES)] = True
     """Whether the ECU checks the pressures with the bundle's estimator, and continues without a faulty sensor."""
     liar_level: Positive[float] = 14.0
-    """Ratio at which the ECU no longer uses a sensor. It is the mean squared deviation of this sensor from the other
-    sensors' estimate, divided by the mean squared disagreement of the other sensors. Healthy sensors reach 8."""
+    """Ratio at which the ECU no longer uses a sensor. The ratio is the mean squared deviation of this sensor from the
+    other sensors' estimate, divided by the mean squared disagreement of the other sensors. Healthy sensors reach 8."""
     bias_level: Positive[float] = 20.0
     """Limit like `liar_level`, but for deviations averaged over two shedding cycles. These averages show small biases
     and drifts. Healthy sensors reach 16."""
@@ -177,7 +177,7 @@ class BenefitCheckConfig(
     difference without control."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
     """Count at which the jets are shut for a test. A period in which control did not help adds 1, and a period in which
-    it helped subtracts 1. The fault latches if the test fails."""
+    control helped subtracts 1. The fault latches if the test fails."""
 
     def _check_together(self) -> None:
         require(self.least_gain < 1.0, self, "least_gain", "below 1")
@@ -194,12 +194,12 @@ class SpeedConfig(
     most_acceleration: Annotated[Positive[float], Unit("m/s2")] = 15.0
     """Largest acceleration of a vehicle. A speed is rejected if its change would need a larger acceleration."""
     margin: Annotated[Fraction[float], ours("a 10 % wind and a gust", page="explanation/other-speeds.md")] = 0.12
-    """Share by which the vehicle's speed may be outside the release's range before the jets are shut, because the air
-    speed may still be in the range. Within this margin the ECU uses the nearest end of the range. The jets restart when
-    the speed is in the range."""
+    """The jets are shut if the vehicle's speed is outside the release's range by more than this share. A smaller
+    deviation is allowed, because the air speed may be in the range; the ECU then uses the nearest end of the range. The
+    jets restart when the speed is in the range."""
     most_correction: Annotated[Fraction[float], ours("a 10 % wind", page="explanation/other-speeds.md")] = 0.12
-    """Largest share by which the ECU corrects the speed on the bus, which lacks the wind, with its estimate of the air
-    speed; 0 uses the speed on the bus."""
+    """Largest share by which the ECU corrects the speed on the bus with an estimate of the air speed. The speed on the
+    bus lacks the wind. With 0 the ECU uses the speed on the bus."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -272,8 +272,8 @@ class VehicleConfig(Settings, source=ours("the same as in the ECU", page=_GATE))
     second."""
     loss_limit: Annotated[int, PERIODS] = 25
     """The vehicle shuts its jets and withdraws its enable request if this number of the latest `vehicle.loss_window`
-    periods had no usable command. The request stays withdrawn until the vehicle itself has stopped requesting control
-    once. The limit is like `ecu.loss_limit`: jets that follow at most every second command are not under control."""
+    periods had no usable command. Requests resume only after a period in which the vehicle wants no control. The limit
+    is like `ecu.loss_limit`: jets that follow at most every second command are not under control."""
 
     def _check_together(self) -> None:
         require(1 <= self.loss_limit <= self.loss_window, self, "loss_limit", "in 1..loss_window")

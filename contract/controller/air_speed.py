@@ -1,9 +1,9 @@
-"""The terms of the estimate of the air speed in the controlled wake.
+"""The terms from which the air speed is estimated in the controlled wake.
 
-The speed on the bus is usually the speed over the ground, so it lacks the wind. A wrong speed gives pressures and
-actions wrong units and wrong distances in time, and so changes the products of pressures and actions. A weighted sum of
-the means of such products under control estimates the logarithm of the speed in use divided by the air speed. The
-weights are fitted to runs of the release's prior with wrong speeds (`train.refinement.air_speed`).
+The speed on the bus is usually the speed over the ground, so it lacks the wind. With a wrong speed, pressures and
+actions are scaled wrongly and rows have wrong distances in time, which changes the products of pressures and actions. A
+weighted sum of the means of such products under control estimates the logarithm of the ratio of the speed in use to the
+air speed. The weights are fitted to runs of the release's prior with wrong speeds (`train.refinement.air_speed`).
 """
 
 from typing import Final
@@ -27,16 +27,16 @@ def feature_count(pairs: int) -> int:
 
 
 def weight_count(pairs: int) -> int:
-    """Return the number of terms, and so of weights, for p pairs of mirrored sensors."""
+    """Return the number of terms for p pairs of mirrored sensors. Each term has one weight."""
     return feature_count(pairs) + pairs + 1
 
 
 def features(window: Array) -> Array:
-    """Compute the features (..., F) of the newest row of windows (..., L, 2 p + 1), oldest row first. A row has the Cp
-    of p pairs of mirrored sensors, one pair after the other, and the action in units of the speed in use.
+    """Compute the features (..., F) of the newest row, which is the last row of a window (..., L, 2 p + 1). A row has
+    the Cp of p pairs of mirrored sensors, one pair after the other, and the action in units of the speed in use.
 
-    The features are the pairs' sums, and for each of `LAGS` the products of each signal of the newest row with each
-    signal of the row before it by this number of rows. The signals are the pairs' differences and the action.
+    The signals of a row are the pairs' differences and the action. The features are the pairs' sums in the newest row,
+    and for each lag in `LAGS` all products of a signal of the newest row and a signal of the row `lag` rows earlier.
     """
     one, other = window[..., 0:-1:2], window[..., 1:-1:2]
     signals = np.concatenate([one - other, window[..., -1:]], axis=-1)
@@ -46,6 +46,6 @@ def features(window: Array) -> Array:
 
 
 def terms(means: Array, pairs: int) -> Array:
-    """Return the terms of the estimate for means (..., F) of the features: the means, the squares of the sums' means,
-    and 1."""
+    """Return the terms of the estimate from the features' means (..., F): these means, the squared means of the pairs'
+    sums, and 1."""
     return np.concatenate([means, np.square(means[..., :pairs]), np.ones((*means.shape[:-1], 1))], axis=-1)

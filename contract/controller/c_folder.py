@@ -9,9 +9,8 @@ A folder with `sw_ecu_settings.h` also has the whole ECU: `sw_ecu.h`, the source
 function in `examples/`. A folder without this header has only the control step. An example is a controller whose
 sensors the bus does not transmit.
 
-The parameters of a release are a C struct: the source text of a constant, and the constant's bytes after compilation.
-Text and bytes are built from one description (`Numbers`), so compiled-in parameters equal those of an image
-(`contract.controller.image_payload`).
+The parameters of a release are constant C structs. One description (`Numbers`) gives a struct's source text and its
+compiled bytes, so compiled-in parameters equal those in an image (`contract.controller.image_payload`).
 """
 
 import re
@@ -91,7 +90,7 @@ class ProgramSettings:
         return int(value)
 
     def multiply_accumulates(self) -> int:
-        """Return the number of multiplications by weights in a control step; the last pass has no adjoint pass."""
+        """Return the number of multiplications by weights in a control step. The last roll-out has no adjoint pass."""
         names = ("WINDOW", "SENSORS", "LSTM", "HEAD", "LATENT", "DYN1", "DYN2", "DECODER", "BLOCKS")
         window, sensors, lstm, head, latent, dyn1, dyn2, decoder, blocks = (self.number(f"SW_{one}") for one in names)
         encoder = window * 4 * lstm * (sensors + 1 + lstm) + head * (lstm + latent)
@@ -108,7 +107,7 @@ def settings_header(definitions: Mapping[str, int | str | np.float32]) -> bytes:
 
 
 def generated_header(name: str, what: str, definitions: Mapping[str, object]) -> bytes:
-    """Write the header `name` with definitions, whose values in C are the values' texts."""
+    """Write the header `name` with a `#define` for each definition. Values are written unchanged, as text."""
     guard = name.upper().replace(".", "_")
     lines = "\n".join(f"#define {key} {value}" for key, value in definitions.items())
     return f"/* Generated: {what}. */\n#ifndef {guard}\n#define {guard}\n\n{lines}\n\n#endif\n".encode()
@@ -221,7 +220,7 @@ class Numbers:
     alignment: int | None = None
 
     def definition(self, name: str) -> str:
-        """Return the C definition of a constant with the struct's values, and a compile-time check of its layout."""
+        """Return the C definition of a constant with the struct's values, and a compile-time check of the layout."""
         check = f"typedef char {name}_as_packed[{self.as_packed} ? 1 : -1];"
         return f"const {self.struct} {name} = {self.initialiser};\n\n#if defined(__GNUC__)\n{check}\n#endif"
 

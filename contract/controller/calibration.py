@@ -40,8 +40,8 @@ def _kept(name: str, value: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """A set of calibration values. All except `delay_steps` are rounded to float32, their type on the bus and in the
-    controller, so that a value is read back as written. Raises ConfigError if a value does not fit into its 4 bytes.
+    """A set of calibration values. All except `delay_steps` are rounded to float32, the type on the bus and in the
+    controller, so reading returns the written value. Raises ConfigError if a value does not fit into its 4 bytes.
 
     Attributes:
         action_limit: largest |a| that the ECU's command gate permits, in U_inf W.
@@ -80,7 +80,7 @@ class Calibration:
         )
 
     def pack(self) -> bytes:
-        """Pack the values, little-endian: float32 each, and `delay_steps` as a 32-bit integer."""
+        """Pack the values little-endian: `delay_steps` as a 32-bit integer, all other values as float32."""
         return _PACKED.pack(*self.values[:-1], self.delay_steps)
 
     @classmethod
@@ -99,8 +99,8 @@ class CalibrationLimits:
     greatest: Calibration
 
     def changed(self, now: Calibration, values: Mapping[str, object]) -> Calibration:
-        """Return the calibration `now`, in which `values` replace the values of the same names. Raises ConfigError for
-        an unknown name, a value that is not a number, or a value outside the limits."""
+        """Return a copy of the calibration `now` in which `values` replace the values with the same names. Raises
+        ConfigError for an unknown name, a value that is not a number, or a value outside the limits."""
         wanted = dict(zip(CALIBRATION_NAMES, now.values, strict=True))
         for name, value in values.items():
             if name not in CALIBRATION_NAMES:

@@ -1,4 +1,4 @@
-"""The interface and the weights of a bundle's `sensors.onnx`, a network that estimates each pressure from the others.
+"""The interface and weights of a bundle's `sensors.onnx`, which estimates each pressure from the other pressures.
 
 The ECU's sensor check compares each reading with the other readings. If they disagree, it searches for a sensor to
 leave out, or for two sensors to exchange, so that the readings agree. For this search, one call estimates every
@@ -68,12 +68,12 @@ def views(sensors: int) -> list[WindowView]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hypotheses:
-    """The rows of `estimates` that belong to each hypothesis. A hypothesis is that one of the S sensors reads wrongly,
-    or that one of the P pairs is exchanged.
+    """The rows of `estimates` that belong to each hypothesis. A hypothesis states that one of the S sensors reads
+    wrongly, or that one of the P pairs of sensors is exchanged.
 
     Attributes:
-        view: (S + P, S) row of `estimates` that has the estimate, for each hypothesis and sensor.
-        reading: (S + P, S) index of the reading that is compared with this estimate, for each hypothesis and sensor.
+        view: row of `estimates` with the estimate for each hypothesis and sensor, (S + P, S).
+        reading: index of the reading that is compared with each of these estimates, (S + P, S).
     """
 
     view: Index
@@ -91,7 +91,7 @@ class Hypotheses:
         return cls(view=np.array(liars + swaps), reading=np.array(own + crossed))
 
     def residuals(self, readings: Array, estimates: Array) -> Array:
-        """Return the residuals (S + P, S), reading minus estimate, in Cp. Row j < S belongs to estimates without sensor
+        """Return the residuals (S + P, S), reading minus estimate, in Cp. The estimates of row j < S do not use sensor
         j. Entry j of this row is the residual of sensor j, estimated from all other sensors."""
         return np.asarray(readings[self.reading] - estimates[self.view, np.arange(len(readings))])
 
@@ -103,7 +103,7 @@ def estimator_shapes(window: int, sensors: int) -> Mapping[str, tuple[int, ...]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EstimatorNetwork:
-    """The network that computes all views, fitted by `train.sensor_estimator`.
+    """The network that computes the estimates of all views. `train.sensor_estimator` fits this network.
 
     Its input has two parts. The first part is the standardised window, clipped to `REACH`, with the oldest row first;
     the columns of sensors that are left out are zero. The second part is a flag for every sensor, 1 if the sensor is

@@ -47,7 +47,7 @@ class Goal(NamedTuple):
 
     @classmethod
     def of(cls, weights: CostWeights, share_of_limit: float = 1.0) -> "Goal":
-        """Compute the goal for weights and for a limit of the jets, as a share of the release's limit."""
+        """Compute the goal from cost weights and from the jets' limit, a share of the release's limit."""
         return cls(
             effort=_root(weights.effort, weights.drag_mean * DEAREST_EFFORT),
             lift=_root(weights.lift, weights.drag_mean * DEAREST_LIFT),
@@ -75,7 +75,7 @@ def schedule(speed: float, goal: Goal) -> tuple[float, ...]:
 
 def of_two_speeds(parts: Array) -> Array:
     """Return a prior's scheduled weights with the variables of `SCHEDULED` along the first axis. If the prior has one
-    variable for the speed, as in `truck-wake-13`, its weights are used for both variables of the speed."""
+    speed variable, as in `truck-wake-13`, the weights of this variable are used for both speed variables."""
     below, above = SPEED_PLACES
     return np.insert(parts, above, parts[below], axis=0) if len(parts) == len(SCHEDULED) - 1 else parts
 

@@ -82,7 +82,7 @@ def limits_in(members: Mapping[str, Member], layout: Mapping[str, str]) -> Itera
         if not each:
             continue
         # If the last axis has one entry per constant, the constants alternate in memory. Otherwise the last axis has
-        # eight entries: one constant of eight outputs.
+        # one constant for each of eight outputs.
         run = 1 if sides[-1] == len(each) else sides[-1]
         count, size = prod(sides), np.dtype(dtype).itemsize
         if len(each) == 1:
@@ -106,7 +106,7 @@ def wrong_in(payload: bytes, layout: Mapping[str, str]) -> str | None:
 
 
 def _ranges(struct: str, member: str, dtype: str, layout: Mapping[str, str]) -> tuple[Range, ...]:
-    """Return the allowed range of each constant that an array interleaves; empty if any number is allowed."""
+    """Return the allowed range of each constant of an array; return an empty tuple if any number is allowed."""
     if dtype.startswith("float"):
         info: Any = np.finfo(dtype)
         return _of_floats(struct, member, layout, float(info.tiny), float(info.max))
@@ -150,12 +150,12 @@ def _widest_integer(layout: Mapping[str, str]) -> float:
 
 
 def _stated(layout: Mapping[str, str], name: str, otherwise: int) -> int:
-    """Return a definition as a number. Without an ECU, it may be missing: `otherwise` then disables a check."""
+    """Return a definition as a number, or `otherwise` if the layout has no ECU; `otherwise` disables a check."""
     return int(layout.get(name, otherwise))
 
 
 def _together(arrays: Mapping[str, npt.NDArray[Any]], layout: Mapping[str, str]) -> Iterator[str]:
-    """Describe numbers that contradict each other; the rules are as in `are_sound_together` of `sw_image.c`."""
+    """Describe numbers that contradict each other. `are_sound_together` in `sw_image.c` applies the same rules."""
     rows = arrays.get("weights.prior_filter_rows")
     if rows is not None:
         memory, all_rows = (_stated(layout, f"SW_PRIOR_{name}", 1) for name in ("MEMORY", "FILTER_ROWS"))
@@ -182,8 +182,8 @@ _IDENTITY: Final = "SW_PROGRAM_SHA256"
 _OF_ECU: Final = ("SW_RELEASE_LAYOUT", "SW_RELEASE_BYTES", "SW_PAST", "SW_SENSOR_CHECK")
 """Settings of `sw_ecu_settings.h` on which the parameters depend; the other settings describe the vehicle."""
 _TITLE: Final = "layout 2 of a stillwake controller image\n"
-"""First line of a layout. Its number rises if the meaning of a member changes but not its size. In layout 1, the wake
-without jets was given as a share of the wake at the design speed."""
+"""First line of a layout. The number in the line rises if a member gets another meaning but has the same size. In
+layout 1, the wake without jets was a share of the wake at the design speed."""
 _STRUCTS: Final = ("SW_RELEASE", "SW_WEIGHTS", "SW_HOT", "SW_ESTIMATOR")
 """The structs of a payload, in their order."""
 
@@ -233,7 +233,7 @@ def layout_in(payload: bytes, sha256: bytes) -> dict[str, str]:
 
 
 def check_numbers(payload: bytes, sha256: bytes) -> None:
-    """Raise BundleContainerError for a payload that no ECU accepts: too short, or with an invalid number."""
+    """Raise BundleContainerError if a payload is too short or has an invalid number, so that no ECU accepts it."""
     layout = layout_in(payload, sha256)
     if _starts(layout)[""] > payload.rfind(_TITLE.encode()):
         raise BundleContainerError(f"image: a payload of {len(payload)} bytes is too short for its layout")

@@ -111,4 +111,4 @@ class CompiledLibrary(Controller, Protocol):
 
 CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]
 """A function that compiles files for the given sizes into a library on this machine, or raises LibraryError. The
-command line passes such a function to `export`, which needs it to check C code and has no compiler of its own."""
+package `export` checks C code but has no compiler, so the command line passes such a function to it."""

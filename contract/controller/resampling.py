@@ -1,4 +1,4 @@
-"""The past at another speed: rows of control periods, resampled to steps of `flow.control_period` in convective time.
+"""The resampling of past rows for another speed: from control periods to steps of `flow.control_period` in t_c.
 
 A controller expects rows that are `flow.control_period` convective times apart. At s times the design speed, a control
 period is s such steps long. So the rows are interpolated at the convective times that the controller expects.
@@ -39,14 +39,14 @@ T = TypeVar("T", Array, float)
 
 
 def followed(before: T, new: T, share: float) -> T:
-    """Return the value that lies at a share of the way from `before` to `new`. Values are stored pressures or commands.
-    At the design speed and above, the share is 1 or more and the result is `new`."""
+    """Return the value at a share of the way from `before` to `new`; both are pressures or both are commands. At the
+    design speed and above, the share is 1 or more, and the result is `new`."""
     return new if share >= 1.0 else before + share * (new - before)
 
 
 def places(speeds: Sequence[float], length: int) -> Places:
-    """Compute the interpolation positions of `length` rows, of which the last row is at the newest period. If the past
-    is too short, there are fewer positions. `speeds` has the speeds at the samples of n periods, oldest first, as
+    """Compute the interpolation positions of `length` rows; the last row is at the newest period. If the past is too
+    short, there are fewer positions. `speeds` has the speeds at the samples of n periods, oldest first, as
     positive ratios to the design speed. A speed is used for the whole period that ends with its sample."""
     newer, share = np.empty(length, dtype=np.intp), np.empty(length)
     at, age = len(speeds) - 1, 0.0

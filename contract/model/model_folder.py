@@ -1,6 +1,6 @@
 """A trained model on disk: a directory with `model.safetensors` and `model.json`, written completely or not at all.
 
-`model.safetensors` has the weights. The prefix `encoder.` marks the trained encoder of all sensors (the teacher),
+`model.safetensors` has the weights. The prefix `encoder.` marks the trained encoder of all sensors (the teacher), and
 `slim.` marks the encoder of few sensors. Further prefixes are `dynamics.`, `decoder.` and, with narrower networks,
 `slim_dynamics.` and `slim_decoder.`. `model.json` has the assumptions and the origin of the weights:
 
@@ -8,7 +8,7 @@
     mirror images of all sensors, in the order of the scaling), sensors (the slim encoder's inputs in order),
     dataset_sha256, weights_sha256, metrics, ranking, versions
 
-A model of the first schema has no layout in its file; its sensors are those of the truck. This module returns tensors
+A model of the first schema states no layout; its sensors are the truck's sensors. This module returns tensors
 as arrays, from which `train` builds networks and `export` builds a controller program. safetensors is imported only
 when needed, because a vehicle uses this package but does not install safetensors.
 """
@@ -94,7 +94,7 @@ class ModelFolder:
     """A verified model directory.
 
     Attributes:
-        tensors: tensors by their names in the file; each belongs to a network that a model may have.
+        tensors: tensors by their names in the file; tensors with unknown names are refused.
         config_tree: the settings as stored, without the defaults of later versions.
     """
 
@@ -108,7 +108,7 @@ class ModelFolder:
         return {key.partition(".")[2]: value for key, value in self.tensors.items() if key.split(".")[0] == name}
 
     def deployed(self, name: str) -> dict[str, npt.NDArray[Any]]:
-        """Return the tensors that a vehicle uses for `dynamics` or `decoder`, from the narrower network if possible."""
+        """Return a vehicle's tensors of `dynamics` or `decoder`. The narrower network is used if the model has it."""
         return self.network(f"{SLIM}_{name}") or self.network(name)
 
     @property
@@ -118,7 +118,7 @@ class ModelFolder:
 
     @property
     def resting(self) -> RestingWake | None:
-        """The wake without jets by speed; None for a model of one speed. Raises ModelError for a wrong shape."""
+        """The wake without jets at each speed; None if the model has one speed. Raises ModelError for a wrong shape."""
         table = self.tensors.get(f"{PRIOR}.{RESTING}")
         if table is None:
             return None
@@ -129,7 +129,7 @@ class ModelFolder:
 
     @property
     def air_speed(self) -> tuple[float, ...] | None:
-        """The weights of the estimate of the air speed; None for a model without one."""
+        """The weights with which the air speed is estimated; None if the model has no such weights."""
         weights = self.tensors.get(f"{PRIOR}.{AIR_SPEED}")
         return None if weights is None else tuple(weights.astype(np.float64).ravel().tolist())
 
@@ -141,7 +141,7 @@ def check_free(path: Path) -> None:
 
 
 def write(path: Path, description: Description, tensors: Tensors) -> None:
-    """Write a model directory; it may replace a model. Raises StillwakeError like `check_free`, or if writing fails."""
+    """Write a model directory, or replace an old one. Raises StillwakeError as `check_free`, or if writing fails."""
     import safetensors.numpy
 
     check_free(path)
@@ -162,14 +162,14 @@ def write(path: Path, description: Description, tensors: Tensors) -> None:
 
 
 def read_description(path: Path) -> dict[str, Any]:
-    """Read the description. Raises ModelError if it is incomplete or its schema is not supported."""
+    """Read a model's description. Raises ModelError if the description is incomplete or has an unsupported schema."""
     try:
         body = json.loads(_read_bytes(path, DESCRIPTION))
     except ValueError as error:
         raise ModelError(f"model {path}: {DESCRIPTION}: not JSON ({error})") from error
     schema = body.get("schema") if isinstance(body, dict) else None
     if not isinstance(body, dict) or schema not in (MODEL_SCHEMA, MODEL_SCHEMA_1):
-        raise ModelError(f"model {path}: {DESCRIPTION}: schema {schema!r}, this version reads {MODEL_SCHEMA!r}")
+        raise ModelError(f"model {path}: {DESCRIPTION}: schema {schema!r}; this version reads {MODEL_SCHEMA!r}")
     for entry in _ENTRIES if schema == MODEL_SCHEMA_1 else (*_ENTRIES, "layout"):
         if entry not in body:
             raise ModelError(f"model {path}: {DESCRIPTION} lacks {entry!r}")

@@ -1,1 +1,1 @@
-"""The recorded episodes: the format of a data set, its reader and writer, and how episodes are added."""
+"""The recorded episodes: the format of data sets, and the functions that read, write, check and import data sets."""

@@ -47,7 +47,7 @@ def pack(values: Array, finest: float, coarsest: float) -> tuple[npt.NDArray[np.
 
 
 def unpack(integers: npt.NDArray[np.int16], quantum: float) -> Array:
-    """Convert integers back to values, each within half a quantum of the value before packing."""
+    """Convert integers back to values. A value differs from the value before packing by at most half a quantum."""
     return integers.astype(np.float64) * quantum
 
 
@@ -70,7 +70,7 @@ _CHUNK: Final = 1000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Dataset:
-    """The episodes in recorded order, and facts about their plant.
+    """The episodes of a data set in recorded order, and facts about the plant.
 
     Attributes:
         episodes: episodes with different names; every Cp has one column for each sensor of the layout.
@@ -101,8 +101,8 @@ class Dataset:
 
     @property
     def plant(self) -> PlantFacts:
-        """The plant's facts. A fact that `facts` does not state comes from the episodes' provenance. If neither states
-        the control period, it comes from the times t."""
+        """The plant's facts. A fact that `facts` lacks is taken from the episodes' provenance. If `facts` and
+        provenance lack the control period, it is computed from the times t."""
         given = () if self.facts is None else (self.facts,)
         facts = (*given, *(facts_in(item.provenance) for item in self.episodes), _clock(self.episodes))
         return PlantFacts(**ChainMap(*(one.known for one in facts)))
@@ -119,7 +119,7 @@ def read(path: Path) -> Dataset:
 
 
 def survey(path: Path) -> tuple[Dataset | None, tuple[str, ...]]:
-    """Return the valid episodes as a data set (None if there are none), and all problems of the file, one line each."""
+    """Return a data set of the valid episodes, or None without a valid episode, and all problems, one line each."""
     problems: list[str] = []
     dataset = None
     try:
@@ -169,7 +169,7 @@ def _to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout) -> Da
         found = {name: episode.provenance[name] for name in facts if name in episode.provenance}
         for name, there, here in differences(found, facts):
             raise DatasetError(
-                f"{path}: episode {episode.name} was recorded with {name} = {there}, the new episodes have {here}: "
+                f"{path}: episode {episode.name} was recorded with {name} = {there}; the new episodes have {here}: "
                 f"name another file"
             )
     return there
@@ -186,7 +186,7 @@ def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any], la
 def _schema(path: Path, file: h5py.File) -> str:
     schema = file.attrs.get("schema")
     if schema not in (DATASET_SCHEMA, DATASET_SCHEMA_2):
-        raise DatasetError(f"{path}: schema {schema!r}, this version reads {DATASET_SCHEMA!r}")
+        raise DatasetError(f"{path}: schema {schema!r}; this version reads {DATASET_SCHEMA!r}")
     return str(schema)
 
 
@@ -268,7 +268,7 @@ def _write_episode(node: h5py.Group, episode: Episode) -> None:
 
 
 def packed(episode: Episode, name: str) -> tuple[npt.NDArray[Any], float | None]:
-    """Return a series as it is stored: 16-bit integers and their quantum, or unchanged without a quantum. Raises
+    """Return a series as it is stored: 16-bit integers and their quantum, or the unchanged values and None. Raises
     DatasetError if the series exceeds the range of 16 bits."""
     values = episode.series[name]
     if name in EXACT_SERIES:
@@ -305,7 +305,7 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
         found.append(f"episode {name}: attribute 'provenance' is not JSON")
     if not isinstance(provenance, dict):
         found.append(f"episode {name}: attribute 'provenance' is not a JSON object")
-    # A series that could not be read is already in the list, so it is not reported as missing, too.
+    # A series that could not be read is already in the list, so the series is not also reported as missing.
     found += [
         line
         for line in problems_of(name, attributes.get("role", "train"), series, initial_action)

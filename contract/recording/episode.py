@@ -1,4 +1,4 @@
-"""An episode is an uninterrupted recording. This module has its series, their units, and the conditions for validity.
+"""The definition of an episode, an uninterrupted recording: its series, their units, and the conditions for validity.
 
 Sample k holds Cp and the forces at t_k, and the action a_k commanded at t_k. The action of the jets changes linearly
 from a_{k-1} to a_k over [t_k, t_{k+1}]. Cd and Cl are pressure and viscous force on the wall without the slot faces.
@@ -22,7 +22,7 @@ since the log's first pressure, and "t_c" means units of W / U_inf since this pr
 
 @dataclass(frozen=True, kw_only=True)
 class PlantFacts:
-    """The facts about a plant. The settings of a training must agree with these facts; an unknown fact is None.
+    """The facts about a plant. The settings for training must agree with these facts. An unknown fact is None.
 
     Attributes:
         control_period: time between two samples, in t_c = W / U_inf.
@@ -60,8 +60,8 @@ def facts_in(provenance: Mapping[str, Any]) -> PlantFacts:
 
 
 Role = Literal["train", "test", "extended", "controlled", "calm"]
-"""Use of an episode. The model is fitted to "train" episodes and tested on "test" episodes. An "extended" episode has
-forcing beyond the training range, a "controlled" episode a controller; a "calm" episode begins at the steady wake."""
+"""Use of an episode. The model is fitted to "train" episodes and tested on "test" episodes. "extended" episodes have
+forcing beyond the training range, "controlled" episodes have a controller, "calm" episodes begin at the steady wake."""
 ROLES: Final[tuple[Role, ...]] = get_args(Role)
 
 UNITS: Final[Mapping[str, str]] = {
@@ -130,7 +130,7 @@ class Episode:
 
 
 def problems_of(name: str, role: object, series: Mapping[str, Array], initial_action: float) -> list[str]:
-    """List the problems of an episode with these parts, one line each; empty if there is no problem."""
+    """Return the problems of an episode with these parts, as one line per problem."""
     found: list[str] = []
 
     def refuse(field: str, reason: str) -> None:

@@ -36,8 +36,8 @@ in seconds, the peak is mostly outside this range."""
 _NARROW: Final = 0.1
 """Relative width of a frequency band that counts as one frequency."""
 _POOR: Final = 0.9
-"""The forcing counts as a single frequency if a narrow band has more than this share of the actions' power. The share
-is 1 for a sine, even with an envelope, 0.24 for the paper's training waveform, and 0.42 for its chirp."""
+"""The forcing counts as a single frequency if a narrow band has more than this share of the actions' power. A sine has
+the share 1, even with an envelope. The paper's training waveform has 0.24, and the paper's chirp has 0.42."""
 _SKEWED: Final = 0.5
 """Largest difference between the means of two mirrored sensors, in standard deviations of their pressures. The
 difference is 0.1 in the whole shipped recording, and 0.25 in one of its episodes."""
@@ -47,8 +47,8 @@ _SAME: Final = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """A problem or a warning about a data set. `text` is one line that states the place and a remedy; `stops` is the
-    work that the problem prevents, None for a warning."""
+    """A problem or a warning about a data set. `text` is one line that states the place and a remedy. `stops` is the
+    work that a problem prevents, or None for a warning."""
 
     stops: Literal["training", "export"] | None
     text: str
@@ -79,7 +79,7 @@ def _of_role(dataset: Dataset, role: str) -> list[Episode]:
 
 
 def agreeing(dataset: Dataset, config: Config) -> Config:
-    """Return the settings with values of `config.flow` replaced by the known facts of the data set's plant."""
+    """Return the settings, in which the known facts about the data set's plant replace values of `config.flow`."""
     known: dict[str, Any] = dict(dataset.plant.known)
     return replace(config, flow=replace(config.flow, **known))
 

@@ -1,4 +1,4 @@
-"""The smallest numbers of control steps of an episode for training and export, and the reasons for these numbers.
+"""The smallest numbers of control steps that an episode needs for training and for export, with reasons.
 
 Windows do not cross an episode's boundary, so each episode must contain all steps that are read together.
 """
@@ -9,7 +9,7 @@ from typing import Final
 from contract.config.tree import Config
 
 HORIZONS: Final = (5, 10, 25)
-"""Numbers of steps ahead at which open-loop prediction is tested; 25 is the truck's shedding cycle and the horizon."""
+"""Numbers of steps ahead at which open-loop prediction is tested. The horizon and the truck's cycle are 25 steps."""
 
 STRETCH: Final = 64
 """Number of consecutive latent states that the distillation uses from one pass of the LSTM over a sequence of rows."""
@@ -55,7 +55,7 @@ def judging_need(config: Config) -> Need:
 
 
 def window_for_c(steps: float) -> int:
-    """Return the number of rows nearest to `steps` that the ECU in C accepts as a window."""
+    """Return the length of a window, nearest to `steps`, that the ECU in C accepts."""
     return max(1, round(steps / WINDOW_STEP)) * WINDOW_STEP
 
 

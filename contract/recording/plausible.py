@@ -12,14 +12,14 @@ from contract.recording.dataset import Dataset, Episode
 
 
 def dominant_frequency(values: Array, period: float) -> float | None:
-    """Return the frequency of the largest peak in a series' spectrum with a Hann window, to an eighth of 1 / duration.
-    Return None for fewer than 16 samples or a constant series."""
+    """Return the frequency of the largest peak in a series' spectrum with a Hann window. The resolution is an eighth of
+    1 / duration. Return None for fewer than 16 samples or a constant series."""
     fluctuation = values - values.mean()
     if len(values) < 16 or not fluctuation.any():
         return None
     padded = 8 * len(values)
     spectrum = np.abs(np.fft.rfft(fluctuation * np.hanning(len(values)), padded))
-    # The record has less than one and a half periods of lower frequencies, so peaks there are drift.
+    # Lower frequencies have less than one and a half periods in the record, so their peaks count as drift.
     return float((12 + spectrum[12:].argmax()) / (padded * period))
 
 
@@ -52,11 +52,11 @@ _FLAT: Final = 0.01
 _SCALE: Final = 3.0
 """Largest plausible ratio of mean Cd or rms Cp between files. Control rarely removes more than half of the drag."""
 _SCALE_OF_LIFT: Final = 10.0
-"""Largest plausible factor between the std Cl / std Cp of two files. Cl and Cp vary together, with the wake."""
+"""Largest plausible factor between the ratios std Cl / std Cp of two files. Cl and Cp vary together with the wake."""
 _FAR: Final = (4.0, 10.0)
 """Smallest distances at which a repeated extreme value, such as -99, 99.99 or -9.99, is taken for a missing reading.
-The first is the distance from the next value. The second is the distance from the median of the other values, in
-interquartile ranges of these values."""
+The first number is the distance from the nearest other value. The second number is the distance from the median of the
+other values, in interquartile ranges of these values."""
 _STILL: Final = 20
 """Number of rows after which a constant sensor may be stuck if the other sensors change: most of a shedding cycle."""
 _STEPS: Final = 4.0
@@ -72,14 +72,14 @@ _CELLS: Final = 256
 """Number of cells into which one standard deviation of a column is divided. Values in one cell count as equal; values
 within 16 cells count as similar."""
 _ALIKE: Final = (10, 0.25)
-"""A file is a copy with this number of equal rows in the same order, or this share of equal rows in any order."""
+"""A file counts as a copy if it has this number of equal rows in the same order, or this share of them in any order."""
 
 _Note = tuple[str, str]
 """A note: the observation in an episode, and its cause with the remedy."""
 
 
 def implausible(dataset: Dataset) -> Iterator[str]:
-    """Report a line per cause, with the episodes and values that show it; then report differences between files."""
+    """Report a line per cause, with the episodes and values that show the cause, then differences between files."""
     names = (*dataset.layout.names, "Cd", "Cl")
     tables = [np.column_stack([item.series[name] for name in ("Cp", "Cd", "Cl")]) for item in dataset.episodes]
     missing = [_stand_for_none(table) for table in tables]
@@ -102,7 +102,7 @@ def implausible(dataset: Dataset) -> Iterator[str]:
 
 
 def longest_run(quiet: Mask) -> tuple[int, int]:
-    """Return start and length of the longest run of True; (0, 0) if there is none."""
+    """Return start and length of the longest run of True values; (0, 0) if no value is True."""
     start, end = max(runs(quiet), key=lambda run: run[1] - run[0], default=(0, 0))
     return start, end - start
 
@@ -121,7 +121,7 @@ def _usual(tables: Sequence[Array], columns: int) -> tuple[Array, Array]:
 
 
 def _stand_for_none(table: Array) -> Mask:
-    """Return a mask of values that stand for a missing value: far from all others, and repeated or beyond `_MOMENT`."""
+    """Return a mask of values that mark missing readings: far from all others, and repeated or beyond `_MOMENT`."""
     found = np.zeros(table.shape, dtype=np.bool_)
     for extreme, sign in ((table.max(axis=0), 1.0), (table.min(axis=0), -1.0)):
         here = table == extreme
@@ -271,7 +271,7 @@ def _activity(table: Array, k: int, spread: Array, action: Array, all_actions: A
 
 
 def _scales(episodes: Sequence[Episode], tables: Sequence[Array]) -> Iterator[str]:
-    """Report files whose numbers differ from another file's by a factor that suggests another unit."""
+    """Report a file if its numbers differ from another file's numbers by a factor that suggests another unit."""
     if len([table for table in tables if len(table) > 1]) < len(tables):
         return
     deviation = np.array([np.sqrt(table[:, :-2].var(axis=0).mean()) for table in tables])

@@ -24,7 +24,7 @@ LEAST_CALM: Final = 25
 
 
 def uncontrolled(dataset: Dataset) -> Episode | None:
-    """Return the longest part of an episode with zero or weak actions, as an episode; None if there is none."""
+    """Return the longest part of any episode in which all actions are zero or weak; None if there is no such part."""
     limit = dataset.plant.action_limit
     best: Episode | None = None
     for episode in dataset.episodes:

@@ -2,7 +2,7 @@
 
 `manifest.json` states the controller's vehicle, the origin of the controller (data set, weights, program), and the
 SHA-256 of every other file and of the DBC. `manifest.sig`, if present, is an Ed25519 signature of the manifest's bytes
-(`contract.release.signing`). So it also protects everything that the manifest states.
+(`contract.release.signing`). So the signature also protects the data and the hashes in the manifest.
 
 `controller.onnx` computes one control step (`contract.controller.interface`). `sensors.onnx`, if present, estimates the
 pressures from each other for the ECU's sensor check (`contract.controller.estimator`).
@@ -27,7 +27,7 @@ from contract.release.signing import PublicKey
 
 @dataclass(frozen=True, kw_only=True)
 class MadeEstimator:
-    """A sensor estimator for a bundle, with its figures for the manifest."""
+    """A sensor estimator for a bundle, with the estimator's entries in the manifest."""
 
     graph: bytes
     figures: SensorEstimator
@@ -76,7 +76,7 @@ def sign(path: Path, key: Ed25519PrivateKey, judge: Callable[[Bundle], object] |
 
 
 def with_estimator(manifest: Manifest, contents: dict[str, bytes], made: MadeEstimator) -> Manifest:
-    """Put the estimator's graph into the contents. Returns the manifest with the estimator's figures and provenance."""
+    """Add the estimator's graph to `contents`. Returns the manifest with the estimator's figures and provenance."""
     contents[ESTIMATOR] = made.graph
     provenance = {**manifest.provenance, "sensor_estimator": made.provenance}
     return replace(manifest, provenance=provenance, sensor_estimator=made.figures)
@@ -98,12 +98,12 @@ def renew(
     estimator: MadeEstimator | None = None,
     judge: Callable[[Bundle], object] | None = None,
 ) -> Bundle:
-    """Write a bundle again under another name, for this version's DBC, and sign it.
+    """Write a copy of a bundle under another name, for this version's DBC, and sign the copy.
 
     The old bundle may be for another DBC, but must pass all other checks. The controller is copied unchanged, because
-    it reads pressures in Cp and flow rates in U_inf W, not frames, Pa or m/s. The control period in s and the budget
-    follow from the operating point. The new provenance has the old manifest's hash. Raises BundleError as `load` does,
-    and for a bad name or a target directory with other contents; StillwakeError if the new bundle cannot be written.
+    its inputs and outputs are Cp and flow rates in U_inf W, and do not depend on frames, Pa or m/s. The control period
+    in s and the budget follow from the operating point. The new provenance has the old manifest's hash. Raises
+    BundleError as `load` does, and for a bad name or a target with other contents; StillwakeError if writing fails.
 
     Args:
         created: day of the new bundle, YYYY-MM-DD.
@@ -160,8 +160,8 @@ def verified(name: str, contents: Mapping[str, bytes], trusted: Collection[Publi
 
 
 def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
-    """Return the results of every check that `load` makes, in its order. If a check cannot be made because an earlier
-    check failed, the list ends before this check."""
+    """Make the checks of `load` in the same order, and return their results. If a check cannot be made because an
+    earlier check failed, the list ends before this check."""
     try:
         contents = read_files(path)
     except BundleError as error:

@@ -97,14 +97,14 @@ def dbc_sha256() -> str:
 
 @dataclass(kw_only=True)
 class Made:
-    """The checks made while a bundle is read. The first failure ends the reading. With `lists`, later checks that do
-    not depend on the failed check are also made."""
+    """The checks made while a bundle is read. Without `lists`, the first failure ends the reading. With `lists`, the
+    checks that do not depend on a failed check are also made."""
 
     lists: bool = False
     checks: list[Check] = field(default_factory=list)
 
     def check(self, name: str, verify: Callable[[], _T], in_words: Callable[[_T], str] = str) -> _T | None:
-        """Make a check that other checks do not depend on. If it fails and `lists` is set, return None."""
+        """Make a check that other checks do not depend on. If the check fails and `lists` is set, return None."""
         try:
             return self.need(name, verify, in_words)
         except BundleError:
@@ -113,8 +113,8 @@ class Made:
             return None
 
     def need(self, name: str, make: Callable[[], _T], in_words: Callable[[_T], str] | None) -> _T:
-        """Compute a value that later checks need; an error always ends the reading. Without `in_words`, the success is
-        not listed."""
+        """Compute a value that later checks need. An error always ends the reading. A success is listed only if
+        `in_words` is given."""
         try:
             value = make()
         except BundleError as error:
@@ -200,7 +200,7 @@ def _verify_file(path: Path, name: str, found: Mapping[str, bytes], hashes: Mapp
 def _verify_dbc(path: Path, dbc: object) -> str:
     if dbc != dbc_sha256():
         raise errors.BundleDbcError(
-            f"bundle {path}: built for another stillwake.dbc; `stillwake bundle renew` makes one for this version"
+            f"bundle {path}: built for another stillwake.dbc; `stillwake bundle renew` makes a copy for this version"
         )
     return dbc_sha256()
 

@@ -1,5 +1,5 @@
-"""The two containers of a bundle's files: a directory, and for a transfer the image, a string of bytes that a boot
-loader in C can read without a library. A microcontroller has another image (`contract.release.controller_image`).
+"""The two containers of a bundle's files: a directory, and an image for transfers. A boot loader in C can read an image
+without a library. A microcontroller has another image (`contract.release.controller_image`).
 
 A bundle may come from anyone. So the readers accept only plain names, follow no links, and limit sizes. The writer of a
 directory writes all files or none. An image has
@@ -30,7 +30,7 @@ MAX_FILES: Final = 64
 MAX_BYTES: Final = 32 * 2**20
 """Largest size of all files together, in bytes: enough for nearly two hundred controllers of the paper's size."""
 MAX_BYTES_OF: Final = {"manifest.json": 2**20, "manifest.sig": 2**12}
-"""Largest sizes, in bytes, of the files that are read before a signature has been verified; the first in an image."""
+"""Largest sizes, in bytes, of the files that are read before the signature is verified; an image begins with these."""
 
 _CHUNK: Final = 2**20
 _MAGIC: Final = b"SWIMAGE1"
@@ -61,7 +61,7 @@ def read_files(path: Path) -> dict[str, bytes]:
 
 
 def write_files(path: Path, contents: Mapping[str, bytes]) -> None:
-    """Write a directory, replacing an existing directory. Raises StillwakeError if the directory cannot be written."""
+    """Write a directory, or replace an existing one. Raises StillwakeError if the directory cannot be written."""
     with replacing(path) as temporary:
         temporary.mkdir()
         for name, data in contents.items():
@@ -96,7 +96,7 @@ def _collect(path: Path) -> dict[str, bytes]:
 
 
 def _open_plain(path: Path, name: str) -> IO[bytes]:
-    """Open a file that was listed as plain, and check it again. Links are not followed; pipes do not block."""
+    """Open a file that was listed as a plain file, and check the open file. No link is followed; no pipe blocks."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     try:
         file = os.fdopen(os.open(path / name, flags), "rb")

@@ -51,7 +51,7 @@ _VEHICLE: Final = struct.Struct("<Q3ddI")
 _SIGNED: Final = 448
 _UNSIGNED: Final = bytes(96)
 LINE: Final = 32
-"""Number of bytes in a line. Every tool accepts 32, and 64 KiB is a multiple of 32."""
+"""Number of data bytes in a line. Every tool accepts 32, and 64 KiB is a multiple of 32."""
 HIGH: Final = 1 << 16
 """Number of addresses that a line of Intel HEX can state. Another type of line states the higher part of an address."""
 
@@ -135,7 +135,7 @@ def signer_of(image: bytes) -> PublicKey | None:
         raise BundleContainerError(f"image begins with {magic.hex()}: must begin with {_MAGIC.hex()}")
     if (length, header) != (len(image), HEADER_BYTES):
         raise BundleContainerError(
-            f"image of {len(image)} bytes states {length}, and {header} for the header: must be {HEADER_BYTES}"
+            f"image of {len(image)} bytes states a length of {length} and a header of {header}, not {HEADER_BYTES}"
         )
     if image[_FACTS.size : HEADER_BYTES] == _UNSIGNED:
         return None
@@ -146,7 +146,7 @@ def signer_of(image: bytes) -> PublicKey | None:
 
 
 def read(image: bytes) -> ControllerImage:
-    """Check an image signed by any key. Raises as `signer_of`, and BundleContainerError for a damaged image."""
+    """Check an image, unsigned or signed by any key. Raises as `signer_of`, or BundleContainerError for damage."""
     signer, payload = signer_of(image), image[HEADER_BYTES:]
     _, _, _, sha256, layout, dbc, digest, version, vehicle, hardware, name, reserved = _FACTS.unpack_from(image)
     period, width, speed, density, limit, sensors = _VEHICLE.unpack(vehicle)

@@ -79,7 +79,7 @@ def _of_image(image: ControllerImage) -> dict[str, str]:
 
 
 class Difference(NamedTuple):
-    """A difference between two bundles or images: a value's name and its text in each; "-" if it is missing."""
+    """A value that differs between two bundles or images: its name and two texts; "-" stands for a missing value."""
 
     name: str
     a: str

@@ -1,8 +1,8 @@
 """The list of keys that may sign releases for an ECU. The list has a version, and a root key signs it.
 
-A release key that leaks is removed from the list. The root key signs only such lists. It is needed once in years, and
-can stay in a safe. An ECU gets its root key in production. The ECU accepts a list only if the root key signed it, and
-if its version is greater than the version of the present list. So an old list cannot make a revoked key valid again.
+A release key that leaks is removed from the list. The root key signs only such lists, so it is rarely needed and can
+stay in a safe. An ECU gets its root key in production. The ECU accepts a new list only if the root key signed it, and
+only if its version is greater than the present list's version. So an old list cannot make a revoked key valid again.
 
     0   8   "SWKEYS01"
     8   4   version
@@ -88,12 +88,12 @@ def signer(raw: bytes) -> PublicKey:
         raise KeyFileError(f"key list: {len(raw)} bytes: has no signature, or does not begin with {_MAGIC.decode()}")
     root = raw[_HEADER.size - _KEY : _HEADER.size]
     if not signing.is_good(raw[-_SIGNATURE:], root, raw[:-_SIGNATURE]):
-        raise KeyFileError("key list: the signature is not that of its root key: list or signature was altered")
+        raise KeyFileError("key list: the signature does not match the root key: list or signature was altered")
     return PublicKey(root)
 
 
 def decode(raw: bytes, root: PublicKey) -> KeyList:
-    """Decode a list. Raises KeyFileError if it is not signed by the root key, or is damaged."""
+    """Decode a list. Raises KeyFileError if the root key did not sign the list, or if the list is damaged."""
     if (found := signer(raw)) != root:
         raise KeyFileError(f"key list: signed by key {found.fingerprint}, must be by the root key {root.fingerprint}")
     _, version, allowed, revoked, reserved, _ = _HEADER.unpack_from(raw)

@@ -87,12 +87,12 @@ bias or a drift."""
 
 @dataclass(frozen=True, kw_only=True)
 class SensorEstimator:
-    """The size of the residuals of `sensors.onnx` with healthy sensors: a table of pairs of sensors.
+    """The typical residuals of `sensors.onnx` with healthy sensors, for each pair of sensors.
 
-    Entry (j, i) belongs to the residual of sensor i, with an estimate from neither sensor i nor sensor j.
+    Entry (j, i) is for the residual of sensor i, whose estimate uses neither sensor i nor sensor j.
 
     Attributes:
-        fast, slow: (S, S) root mean square of residuals in Cp that are averaged over `FAST_PERIODS` or `SLOW_PERIODS`.
+        fast, slow: root mean square of residuals, averaged over `FAST_PERIODS` or `SLOW_PERIODS`, in Cp, (S, S).
     """
 
     fast: tuple[tuple[float, ...], ...]
@@ -109,7 +109,7 @@ class SpeedRange:
 
 @dataclass(frozen=True, kw_only=True)
 class RestingWake:
-    """The wake without jets as a function of the vehicle's speed; the ECU's benefit check compares pressures with it.
+    """The wake without jets as a function of the vehicle's speed, a reference for the ECU's benefit check.
 
     Attributes:
         speeds: K speeds in units of the design speed, rising, (K,).
@@ -124,7 +124,7 @@ class RestingWake:
 
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
-    """The assumptions of a bundle's controller about its vehicle.
+    """The assumptions of a bundle's controller about the vehicle.
 
     Raises BundleManifestError if the scaling does not fit the sensors, or a number, date or hash is invalid.
 
@@ -285,7 +285,7 @@ def _unlike_a_wake(resting: RestingWake) -> Iterator[str]:
 
 
 class Opened(NamedTuple):
-    """The parts of a manifest whose own hash was verified."""
+    """The parts of a manifest after the manifest's own hash was verified."""
 
     schema: str
     body: Mapping[str, Any]
@@ -310,7 +310,7 @@ def encode(manifest: Manifest, hashes: Mapping[str, str], dbc: str) -> bytes:
 
 
 def open_manifest(path: Path, raw: bytes) -> Opened:
-    """Split a manifest into its parts; raises BundleManifestError if it is damaged, altered or of another schema."""
+    """Split a manifest into its parts. Raises BundleManifestError for damage, an alteration, or another schema."""
     try:
         body = strict_json.decode(raw)
         schema, digest = body.pop("schema"), body.pop("manifest_sha256")

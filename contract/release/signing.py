@@ -7,8 +7,8 @@ signature has its own file, together with the public key of its claimed signer:
     key <32 bytes in hex>
     signature <64 bytes in hex>
 
-The key in the file is no proof: it states only who claims to have signed. A reader trusts a signature only if the
-reader has the key from another source.
+The key in the file is no proof: it states only who claims to have signed. A reader must know a trusted key from another
+source, and trusts only signatures by this key.
 """
 
 import hashlib

@@ -31,7 +31,7 @@ _WARM_UP_STEPS: Final = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoundedGraph:
-    """A graph in a bundle.
+    """A graph in a bundle, with the inputs, outputs and shapes that the graph must have.
 
     Attributes:
         shapes: required shapes of inputs and outputs, by name.
@@ -53,13 +53,13 @@ class BoundedGraph:
     def tried(self, limit_s: float) -> None:
         """Run one step of the graph in bounded time and memory, without optimisation. With optimisation, ONNX Runtime
         would compute constant expressions during loading, in unbounded time and memory; a step without optimisation
-        computes them within the bounds. Raises BundleControllerError as `session` and `run_on_zeros` do."""
+        computes these expressions within the bounds. Raises the errors of `session` and `run_on_zeros`."""
         options = _options()
         options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
         self.run_on_zeros(self._opened(options), 1, limit_s)
 
     def run_on_zeros(self, session: Any, steps: int, limit_s: float) -> None:
-        """Run steps on zeros; raises BundleControllerError if they take too long, fail or give non-finite numbers."""
+        """Run steps on zeros. Raises BundleControllerError if a step fails, takes too long or gives NaN or infinity."""
         options = onnxruntime.RunOptions()
         # ONNX Runtime checks this flag between two nodes, also inside the bodies of loops.
         timer = Timer(limit_s, setattr, (options, "terminate", True))
@@ -107,11 +107,11 @@ class BoundedGraph:
 def _options() -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
-    # Errors are raised as exceptions, so they need not be printed. Without this line, the optional input `weights`,
-    # which is an initialiser that may be overridden, would cause a warning whenever the graph is loaded.
+    # Errors are raised as exceptions and need not be printed. Without this line, loading a graph would print a warning
+    # about the optional input `weights`, an initialiser that may be overridden.
     options.log_severity_level = 4
     # The graph's bytes were checked for external constants. If the graph nevertheless refers to a file, ONNX Runtime
-    # looks for it below a path that is no folder, and finds nothing.
+    # looks for this file below a path that is no folder, and finds nothing.
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
     options.add_session_config_entry("session.load_model_format", "ONNX")
     # Sessions use the bounded allocator, because a graph may need more memory during control than for zeros.
@@ -145,8 +145,8 @@ class OnnxController:
 
     @classmethod
     def of(cls, bundle: Bundle) -> "OnnxController":
-        """Open a bundle's controller, after one step in bounded time and memory. Raises BundleControllerError if the
-        controller does not load or does not fit the manifest."""
+        """Run one step of a bundle's controller in bounded time and memory, then open the controller. Raises
+        BundleControllerError if the controller does not load or does not fit the manifest."""
         model, sizes = bundle.files[CONTROLLER], bundle.manifest.sizes
         _graph(model, sizes).tried(WARM_UP_LIMIT_S)
         controller = cls(model, sizes)
@@ -170,7 +170,7 @@ class OnnxController:
         speed: float = 1.0,
         limit: float | None = None,
     ) -> ControlStep:
-        """Compute one control step in float32 (`contract.controller.interface`); raises ControllerError if it fails."""
+        """Compute one control step in float32 (`contract.controller.interface`). Raises ControllerError on failure."""
         feeds = {"window": window, "plan": plan, "free": free}
         for name, value in (("weights", weights), ("speed", speed), ("limit", limit)):
             if value is not None and name in self._defaults:
@@ -208,12 +208,12 @@ class OnnxEstimator:
 
     @classmethod
     def of(cls, bundle: Bundle) -> "OnnxEstimator | None":
-        """Open a bundle's estimator; None if the bundle has none. Raises BundleControllerError as the class does."""
+        """Open a bundle's estimator; return None if the bundle has no estimator. Raises the errors of the class."""
         model = bundle.files.get(ESTIMATOR)
         return None if model is None else cls(model, bundle.manifest.sizes)
 
     def estimates(self, window: Array) -> Array:
-        """Return the estimates (V, S) in Cp for a window (L, S+1). Raises ControllerError if one is not finite."""
+        """Return estimates (V, S) in Cp for a window (L, S+1). Raises ControllerError if an estimate is not finite."""
         try:
             (values,) = self._session.run([ESTIMATOR_OUTPUT], {ESTIMATOR_INPUT: window.astype(np.float32)})
         except Exception as error:

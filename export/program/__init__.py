@@ -1,1 +1,1 @@
-"""The controller program: weights, scaling and MPC settings as arrays, and their sources."""
+"""The controller program: weights, scaling and MPC settings, taken from a trained model."""

@@ -1,6 +1,6 @@
-"""The controller as data: all inputs of a lowering, and nothing else; and its windows, recorded or random.
+"""The controller program, which is all the data that a lowering needs, and recorded or random windows for the program.
 
-Rounding and lowerings refer to the weight matrices by their tensors' names, such as `lstm.weight_input`,
+Rounding and lowerings refer to the weight matrices by the names of their tensors, such as `lstm.weight_input`,
 `dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. The prior is small, so only its two matrices for filtered
 rows have names: `prior.first` (6 n, F (p + 1)), with one row per schedule variable and unit, and `prior.sums` (n, F p),
 for n units, F filters and p sensor pairs. All lowerings of a program state the same hash, which identifies the program.
@@ -149,7 +149,7 @@ def map_matrices(program: ControllerProgram, change: Callable[[str, Array], Arra
 
 
 def _mapped(part: Any, name: str, change: Callable[[str, Array], Array]) -> Any:
-    """Return a part of a network with its matrices replaced; only the names of the LSTM's lack that of the network."""
+    """Return a part of a network with its matrices replaced. Names begin with the network's name, except the LSTM's."""
     if isinstance(part, np.ndarray):
         return change(name.replace("encoder.lstm.", "lstm."), part) if part.ndim == 2 else part
     if isinstance(part, tuple):
@@ -159,8 +159,8 @@ def _mapped(part: Any, name: str, change: Callable[[str, Array], Array]) -> Any:
 
 
 def program_sha256(program: ControllerProgram) -> str:
-    """Return a program's SHA-256 in hex. The hash covers every setting, and every weight by its name and little-endian
-    float64."""
+    """Return a program's SHA-256 in hex. The hash covers every setting, and the name and the little-endian float64 of
+    every weight."""
     digest = hashlib.sha256()
     parts = ("scaling", "mpc", "encoder", "dynamics", "decoder")
     settings: dict[str, Any] = {name: asdict(getattr(program, name)) for name in parts}
@@ -172,8 +172,8 @@ def program_sha256(program: ControllerProgram) -> str:
 
 
 def _as_trained(prior: PriorWeights) -> dict[str, Array]:
-    """Return the scheduled weights of a prior. If the two variables of the speed have equal weights, they become one
-    variable. So a model that was trained with one variable keeps its hash, and its bundles stay valid."""
+    """Return the scheduled weights of a prior. Two speed variables with equal weights become one variable. So a model
+    that was trained with one speed variable keeps its hash, and its bundles stay valid."""
     first, gate, (below, above) = prior.first, prior.gate, SPEED_PLACES
     if np.array_equal(first[below], first[above]) and np.array_equal(gate[:, below], gate[:, above]):
         first, gate = np.delete(first, above, axis=0), np.delete(gate, above, axis=1)
@@ -193,7 +193,7 @@ def recorded_windows(
     sensor of the program; ExportError if the episode is too short."""
     needed = program.window + count - 1
     if count < 1 or len(episode) < needed:
-        raise ExportError(f"episode {episode.name}: {len(episode)} steps, {count} windows need {needed}")
+        raise ExportError(f"episode {episode.name}: {len(episode)} steps, but {count} windows need {needed}")
     rows = episode.rows(layout.indices(program.sensors))[-needed:]
     return [rows[i : i + program.window] for i in range(count)]
 

@@ -193,7 +193,7 @@ class PriorWeights:
     def from_state(cls, state: StateDict) -> "PriorWeights":
         """Read a state dict. `of_two_speeds` converts a model with one variable for the speed. In a model of version
         1.0.0, the plan may depend on the speed, but not on the goal. Such a model has "first" and "slope", both (n, F,
-        p + 1); "slope" is the change of "first" if the speed rises by the design speed. Alternatively, it has "hidden",
+        p + 1); "slope" is the change of "first" if the speed rises by the design speed. Or such a model has "hidden",
         (n, M, p + 1), in place of filters, first and slope."""
         tensors, is_dense = _Tensors("prior", state), "hidden" in state
         if is_dense or "slope" in state:
@@ -230,7 +230,7 @@ class PriorWeights:
 
     @property
     def pairs(self) -> int:
-        """p, the number of sensor pairs, and so of the differences in a row."""
+        """p, the number of sensor pairs. A row has one difference for each pair."""
         return int(self.first.shape[3]) - 1
 
     @property
@@ -249,7 +249,7 @@ class PriorWeights:
 
 
 class _Tensors:
-    """A reader that returns each tensor of a network once, after checking it, and records which tensors were not
+    """A reader of a network's tensors. It checks and returns each tensor once, and records which tensors were not
     read."""
 
     def __init__(self, network: str, state: StateDict) -> None:

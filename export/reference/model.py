@@ -4,7 +4,7 @@ every lowering with this specification.
 All functions act on the last axes of their arrays, with any leading axes: windows are (..., L, S+1), latent states z
 (..., n_z), actions a (...,) in U_inf W, and forces (..., 2) are the physical (Cd, Cl). The `*_layers` functions return
 the inputs of every layer of a network, for the adjoints and int8 calibration. A layer's adjoint (vector-Jacobian
-product) takes its input and the gradient dJ/d(output), and returns dJ/d(input); for y = W x + b, dx = W^T dy.
+product) takes the layer's input and dJ/d(output), and returns dJ/d(input); for y = W x + b, dx = W^T dy.
 """
 
 from typing import NamedTuple, Self
@@ -53,7 +53,7 @@ def sigmoid(x: Array) -> Array:
 
 
 def _normalise(x: Array) -> tuple[Array, Array]:
-    # For short vectors, two thirds of the time of `mean` and `var` is overhead of NumPy, so sums are used instead.
+    # For short vectors, two thirds of the time of `mean` and `var` is NumPy's overhead, so sums replace these calls.
     n = x.shape[-1]
     centred = x - np.add.reduce(x, axis=-1, keepdims=True) / n
     inverse_std = 1.0 / np.sqrt(np.add.reduce(centred * centred, axis=-1, keepdims=True) / n + LAYER_NORM_EPSILON)

@@ -24,8 +24,8 @@ rate              (a_0 - a_{-1})^2
 prior             mean (a - p)^2
 ================  =======================================================
 
-Where a term has a kink, its gradient is the subgradient that PyTorch uses: equal maxima or minima share it evenly,
-and |Cl| has slope 0 at 0.
+Where a term has a kink, its gradient is the subgradient that PyTorch uses: equal maxima or minima share the gradient
+evenly, and |Cl| has slope 0 at 0.
 """
 
 from collections.abc import Iterable, Iterator
@@ -54,10 +54,10 @@ def control_step(
     speed: float = 1.0,
     limit: float | None = None,
 ) -> ControlStep:
-    """Compute the outputs of `controller.onnx`. The arguments are described in `contract.controller.interface`. The
-    program's weights and limit replace None, and the program's limit replaces a larger limit. If the plan starts at a
+    """Compute the outputs of `controller.onnx`. The arguments are described in `contract.controller.interface`. None
+    stands for the program's weights or limit; a limit above the program's limit has no effect. If the program has a
     prior, the optimiser uses only the terms that the prior does not take into account (`unknown_to_prior`). The
-    returned terms and cost are for the weights of the call."""
+    returned terms and cost are for the given weights."""
     previous_action = float(window[-1, -1])
     z = encode(program, window)
     start = starting_plan(program, window, plan, free, weights, speed, limit)

@@ -1,4 +1,4 @@
-"""The prior of the plan in NumPy float64: the specification of its lowerings.
+"""The prior of the plan in NumPy float64, which is the specification of the prior's lowerings.
 
 The plan is the output of a feedback over the horizon. The feedback was trained with gradients through the flow
 (`train.refinement`); its inputs in the horizon are differences that an autoregressive model predicts. With rows (y_i,
@@ -9,7 +9,7 @@ lift, limit) of the present speed and goal (`contract.controller.goal`),
     a_{t+k} = clip(r A tanh(output . (g tanh((sum_j s_j first_j) . filters^T rows t+k-M .. t+k-1)))),
     y_{t+k+1} = predictor . rows t+k-M+1 .. t+k,
 
-where A is the program's bound on |a|, r A the bound that the goal allows, and clip the limit of this control step.
+where A is the program's bound on |a| and r A the bound that the goal allows; clip applies this control step's limit.
 Committed actions do not change. The present schedule and gates apply over the whole horizon, because the distance of
 the wake from the steady wake changes over many shedding cycles. The feedback does not read the row of its own step: on
 the vehicle, and in training, the command computed from the pressures of t acts in period t+1. So only the next period's

@@ -1,5 +1,5 @@
-"""A sensor estimator for a bundle: the fitted network is rounded, its residuals are measured, and it is lowered to
-ONNX."""
+"""The preparation of a sensor estimator for a bundle: the fitted network is rounded and lowered to ONNX, and the
+residuals are measured."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -19,8 +19,8 @@ def lowered_estimator(
     fitted: EstimatorNetwork, recording: Dataset, sensors: Sequence[str], provenance: Mapping[str, Any]
 ) -> MadeEstimator:
     """Return the estimator of these sensors for a bundle, with the root mean squares of its residuals. As in the sensor
-    check, the residuals are first averaged over time. They are measured on the episodes that were not used for training
-    or, if there are none, on the training episodes.
+    check, the residuals are first averaged over time. The residuals come from the episodes that were not used for
+    training or, if there are none, from the training episodes.
 
     The provenance gets two more entries: `r2`, the coefficient of determination of each sensor's estimate from the
     other sensors, and `judged_on`, the roles of the measured episodes.

@@ -1,5 +1,5 @@
-"""The lowerings of a program in memory, the ONNX graph and on request the C library with equal numbers, and their
-gates. Only lowerings that have passed every gate are written to files."""
+"""The gates for a program's lowerings: the ONNX graph and, on request, the C library with equal weights. Lowerings are
+built in memory. Only lowerings that have passed every gate are written to files."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -48,17 +48,17 @@ class Lowered:
 
 
 def lower(program: Program, *, calibration: Sequence[Array], with_library: bool) -> Lowered:
-    """Lower a program. Raises ExportError if the program cannot be lowered. `calibration` are the recorded windows (L,
-    S+1) on which the program was rounded, for an int8 library's activation ranges."""
+    """Lower a program. Raises ExportError if the program cannot be lowered. `calibration` has the recorded windows (L,
+    S+1) with which the program was rounded. They give the activation ranges of an int8 library."""
     graph = build_controller(program).SerializeToString()
     return Lowered(program=program, graph=graph, library=c_library(program, calibration) if with_library else None)
 
 
 @dataclass(frozen=True, kw_only=True)
 class GraphReport:
-    """The results of the ONNX graph in its gates; the manifest's provenance states them under `export`.
-    `controller_bytes` is the size of `controller.onnx`, `parity` the differences between graph and reference.
-    `quantisation` has the differences between int8 and float weights; it is None for a float release."""
+    """The results of the ONNX graph in its gates. The manifest's provenance has these results under `export`.
+    `controller_bytes` is the size of `controller.onnx`. `parity` has the differences between graph and reference.
+    `quantisation` has the differences between int8 and float weights, or is None for a float release."""
 
     controller_bytes: int
     parity: Figures
@@ -100,10 +100,10 @@ def gate(
     *,
     compiled: CompileLibrary | None = None,
 ) -> Gated:
-    """Run every lowering through its gates, with consecutive recorded windows (L, S+1) of L rows and S sensors;
-    `compiled` compiles the C library and is required if there is a C library. Raises ExportError, with difference and
-    limit, if a lowering differs from the reference by more than its gate allows; LibraryError if no C compiler compiles
-    the library."""
+    """Run every lowering through its gates, with consecutive recorded windows (L, S+1) of L rows and S sensors.
+    `compiled` compiles the C library, and must be given if there is a C library. Raises ExportError, with difference
+    and limit, if a lowering differs from the reference by more than its gate allows; LibraryError if the C library does
+    not compile."""
     # The exact control steps, which take longest to compute, are computed once for both lowerings.
     exact = exact_answers(lowered.program.source, windows) if isinstance(lowered.program, RoundedProgram) else []
     graph, library = _gate_graph(lowered, windows, exact, limits), None
@@ -134,7 +134,7 @@ def _gate_library(
     compiled: CompileLibrary | None,
 ) -> LibraryReport:
     if lowered.library is None or compiled is None:
-        raise ValueError("a library without a compiler: it cannot be checked")
+        raise ValueError("a library needs a compiler for its gate")
     controller = compiled(lowered.library, lowered.effective.sizes)
     parity, quantisation = None, None
     if isinstance(lowered.program, RoundedProgram):

@@ -1,4 +1,4 @@
-"""The check of a graph before signing. It must pass onnx's checker and have only operators that the export writes."""
+"""The check of a graph before signing. A graph must pass onnx's checker and have only operators of exported graphs."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -46,7 +46,7 @@ def check_model(content: bytes) -> int:
     except Exception as error:  # from protobuf, from the checker, or from the inference of shapes
         raise ValueError(f"onnx refuses it: {error}") from error
     if model.functions or model.training_info:
-        raise ValueError("the graph has its own functions, or training information")
+        raise ValueError("the graph has its own functions or training information")
     nodes = list(_nodes(model.graph))
     constants = {one.name for one in model.graph.initializer}
     for node in nodes:

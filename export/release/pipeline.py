@@ -76,10 +76,10 @@ def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
 def calibration_windows(
     program: ControllerProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK
 ) -> list[Array]:
-    """Return calibration windows (L, S+1). Every kind of forcing gives windows of its last episode, because the
-    networks' inputs differ between kinds. Altogether there are about `CALIBRATION_WINDOWS` windows, or fewer. Episodes
-    with fewer than `LEAST_CALIBRATION` windows are left out. An episode whose provenance states no forcing counts as a
-    separate kind. Raises ExportError, with the longest episode, if all episodes are too short."""
+    """Return up to about `CALIBRATION_WINDOWS` windows (L, S+1). The windows are from the last episode of each kind
+    of forcing, because the networks' inputs differ between kinds. An episode with fewer than `LEAST_CALIBRATION`
+    windows is not used. An episode whose provenance states no forcing counts as a separate kind. Raises ExportError,
+    with the longest episode, if all episodes are too short."""
     held = {item.name: windows_in(len(item), program.window) for item in episodes}
     last = {
         item.provenance.get("forcing_signal", f"of {item.name}"): item
@@ -90,7 +90,7 @@ def calibration_windows(
         longest = max(episodes, key=len)
         raise ExportError(
             f"training episodes are too short to calibrate int8: the longest, {longest.name}, has {len(longest)} "
-            f"steps, {LEAST_CALIBRATION} windows need {program.window - 1 + LEAST_CALIBRATION}; "
+            f"steps, but {LEAST_CALIBRATION} windows need {program.window - 1 + LEAST_CALIBRATION}; "
             f"--precision float32 needs no windows"
         )
     found: list[Array] = []
@@ -175,9 +175,9 @@ def export_library(
     recording: Path,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
-    """Write the C library of an existing release. It is computed from the release's model and settings, and from the
-    recording to which the model was fitted. Raises ExportError if the release is of another model, or rounding gives
-    other integers; StillwakeError as `export_all` does."""
+    """Write the C library of an existing release. The library is computed from the release's model and settings, and
+    from the recording to which the model was fitted. Raises ExportError if the release has another model, or rounding
+    gives other integers; StillwakeError as `export_all` does."""
     c_folder_format.check_replaceable(library.folder)
     manifest = release.manifest
     phase("read")
@@ -205,7 +205,7 @@ def export_library(
 def _lowered(
     program: ControllerProgram, episodes: Dataset, precision: str, *, with_library: bool, phase: Callable[[str], None]
 ) -> tuple[Lowered, list[Array]]:
-    """Return the program rounded and lowered, and the windows for its gates."""
+    """Round and lower the program; return the lowerings and the windows for their gates."""
     windows = gate_windows(program, episodes.with_role("test"), episodes.layout)
     calibration: list[Array] = []
     if precision == "int8":
@@ -229,7 +229,7 @@ def check_settings(own: Config, config: Config) -> None:
         trained, here = getattr(own.flow, name), getattr(config.flow, name)
         if trained != here:
             raise ExportError(
-                f"flow.{name} = {here:g} in the settings, the model was trained with {trained:g}: "
+                f"flow.{name} = {here:g} in the settings, but the model was trained with {trained:g}: "
                 f"a controller must have its model's value"
             )
 
@@ -269,7 +269,7 @@ def write_release(
 
     Args:
         trained: the model of the lowerings; the gates' figures are added to its provenance under `export`.
-        config: settings of the vehicle: operating point, control period, and time that is assigned to a control step.
+        config: settings of the vehicle: operating point, control period, and time allowed for a control step.
         key: key to sign the release with; the release is unsigned if None.
         estimator: estimator of the release's sensors; without it, the ECU does not check its sensors.
     """

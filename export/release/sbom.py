@@ -74,8 +74,8 @@ def folder_bom(contents: Mapping[str, bytes], bundle: Bundle) -> bytes:
 
 
 def wheel_bom(wheel: Path, day: str) -> bytes:
-    """Return the bill of a wheel, dated YYYY-MM-DD. It has the wheel and its required packages, in the versions
-    installed on this machine. Packages of extras are marked as optional."""
+    """Return the bill of a wheel; `day` is YYYY-MM-DD. The bill has the wheel and the required packages, in the
+    versions installed on this machine. Packages of extras are marked as optional."""
     digest = sha256(wheel.read_bytes())
     with zipfile.ZipFile(wheel) as archive:
         name = next(item for item in archive.namelist() if item.endswith(".dist-info/METADATA"))

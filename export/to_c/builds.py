@@ -1,5 +1,5 @@
-"""The descriptions of a library's folder for CMake, Zephyr, PlatformIO and CMSIS-Pack, all generated from one list of
-sources."""
+"""The descriptions of a library's folder for CMake, Zephyr, PlatformIO and CMSIS-Pack. All of them are generated from
+one list of sources."""
 
 import json
 from collections.abc import Mapping

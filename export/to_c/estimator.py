@@ -1,4 +1,4 @@
-"""The sensor estimator of a release as C: its sizes and its weights, for `ecu/c/sw_estimator.h`.
+"""The sizes and the weights of a release's sensor estimator as C source, for `ecu/c/sw_estimator.h`.
 
 Integers and scales are from the bundle's `sensors.onnx`. The matrices are int8 with one scale per output; biases,
 standardisation and the small last layer are float32.
@@ -28,8 +28,8 @@ ONE: Final = int(INT16_QMAX / REACH)
 
 
 def estimator_files(content: bytes) -> dict[str, bytes]:
-    """Return the generated files by name, from a verified bundle's `sensors.onnx`. Raises ExportError for a network
-    that the C sources cannot compute; the message states the supported networks."""
+    """Generate the estimator's C files from a verified bundle's `sensors.onnx`, and return them by name. Raises
+    ExportError for a network that the C sources cannot compute; the message states the supported networks."""
     rounded = read_estimator(content)
     _check(rounded)
     found = numbers("sw_estimator_weights", _arrays(rounded), ALIGNMENTS["int8"])

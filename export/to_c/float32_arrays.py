@@ -108,7 +108,7 @@ def _dynamics(program: ControllerProgram) -> dict[str, Array]:
 def _decoder(program: ControllerProgram) -> dict[str, Array]:
     weights = program.decoder
     if not weights.blocks:
-        raise ExportError("decoder: no residual blocks, the C library needs at least one")
+        raise ExportError("decoder: has no residual block, but the C library needs one or more")
     return {
         "sw_decoder_weight": weights.input.weight,
         "sw_decoder_bias": weights.input.bias,
@@ -137,7 +137,7 @@ def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
 
 
 def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix]) -> dict[str, ArrayValues]:
-    """Return the prior's filters, each from its first to its last nonzero row, and the weights of the prior's layers.
+    """Return the prior's filters without the zero rows at their ends, and the weights of the prior's layers.
     Without a prior, the mapping is empty. `integers` has the integers of the prior's two matrices by name; a matrix
     without integers is stored as floats with scale 1."""
     if program.prior is None:
@@ -147,7 +147,7 @@ def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix])
     first, first_scale = _stored(prior.first.reshape(-1, prior.first[0, 0].size), integers.get("prior.first"))
     sums, sums_scale = _stored(prior.sums.reshape(units, -1), integers.get("prior.sums"))
     by_unit = {
-        # A unit's weights on one input, one for each schedule variable, are adjacent.
+        # For each input of a unit, the weights for the schedule variables are adjacent.
         "sw_prior_first": first.reshape(-1, units, first.shape[1]).transpose(1, 2, 0),
         "sw_prior_first_scale": first_scale.reshape(-1, units).T,
         "sw_prior_gate": prior.gate,
@@ -193,8 +193,8 @@ def prior_settings(prior: PriorWeights) -> dict[str, int | np.float32]:
 
 
 def _filter_ranges(prior: PriorWeights) -> Integers:
-    """Return two numbers for each of F filters, (F, 2): its first nonzero row, and the number of rows from this row to
-    its last nonzero row. A filter of zeros has one row."""
+    """Return two numbers for each of F filters, (F, 2): the first nonzero row, and the number of rows from the first to
+    the last nonzero row. A filter of zeros has one row."""
     ranges = []
     for column in prior.filters.T:
         read = np.flatnonzero(column) if column.any() else np.zeros(1, int)

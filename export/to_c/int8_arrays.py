@@ -25,7 +25,7 @@ INT8_LANES: Final = 2 * _WORD
 stored in groups of this number of outputs."""
 
 ACTIVATION_MARGIN: Final = 1.5
-"""Ratio of the activation at which the integer saturates to the largest activation in the calibration."""
+"""An activation's integer saturates at this multiple of the largest activation in the calibration."""
 
 AHEAD: Final = 16
 """Number of zeros after every matrix, because the C code loads weights ahead of their use."""
@@ -45,8 +45,8 @@ POINTS_PER_UNIT: Final = 32
 """Number of table points per unit of the argument; between points the function is interpolated linearly."""
 
 ELU_ONE: Final = 4096
-"""The integer of an ELU output of 1. It is the same in all layers, so they share one table. Outputs up to `ELU_RANGE`
-fit into 16 bits."""
+"""The integer of an ELU output of 1. All layers have the same integer, so they share one table. Outputs up to
+`ELU_RANGE` fit into 16 bits."""
 
 ELU_RANGE: Final = 8
 
@@ -84,7 +84,7 @@ LOGISTIC_QMAX: Final = 32767
 LOGISTIC_RANGE: Final = 16
 
 GATE_MAX: Final = 6e4
-"""Largest argument of a gate whose double still fits in an int32, in units of 1 / `LOGISTIC_ONE`."""
+"""Largest argument of a gate. The integer of twice this argument, in units of 1 / `LOGISTIC_ONE`, fits in an int32."""
 
 
 def c_constants() -> dict[str, int | np.float32]:
@@ -109,8 +109,8 @@ def c_constants() -> dict[str, int | np.float32]:
 
 def qmax(width: int) -> int:
     """Return the largest integer that a vector of this padded width may have if its product with int8 weights must not
-    overflow 32 bits. In C, it is SW_QMAX. Raises ExportError if the vector is so wide that too few integers are left.
-    """
+    overflow 32 bits; in C, this integer is SW_QMAX. Raises ExportError if the vector is so wide that too few integers
+    are left."""
     if width > 4 * FULL_RANGE_WIDTH:
         raise ExportError(f"a layer of width {width}: int8 lowering accepts at most {4 * FULL_RANGE_WIDTH}")
     return INT16_QMAX if width <= FULL_RANGE_WIDTH else SUM_QMAX // width
@@ -131,8 +131,8 @@ def packed(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
 
 
 def elu_points() -> npt.NDArray[np.uint32]:
-    """Return the table of ELU for C's sw_between: points -8, -8 + 1/32, .. below 8, in units of 1 / `ELU_ONE`. The
-    values are limited to the largest int16."""
+    """Return the table of ELU for C's sw_between, at the points -8, -8 + 1/32, .. below 8. The values are in units of
+    1 / `ELU_ONE`, and are limited to the largest int16."""
 
     def elu(x: Array) -> Array:
         held: Array = np.minimum(ELU_ONE * np.where(x < 0, np.expm1(np.minimum(x, 0)), x), INT16_QMAX)
@@ -142,8 +142,8 @@ def elu_points() -> npt.NDArray[np.uint32]:
 
 
 def logistic_points() -> npt.NDArray[np.uint32]:
-    """Return the table of the logistic function for C's sw_between: points -16, -16 + 1/32, .. below 16, in units of 1
-    / `LOGISTIC_QMAX`."""
+    """Return the table of the logistic function for C's sw_between, at the points -16, -16 + 1/32, .. below 16. The
+    values are in units of 1 / `LOGISTIC_QMAX`."""
     return _points(lambda x: LOGISTIC_QMAX / (1.0 + np.exp(-x)), LOGISTIC_RANGE)
 
 
@@ -155,12 +155,12 @@ def _points(function: Callable[[Array], Array], reach: float) -> npt.NDArray[np.
 
 def int8_arrays(rounded: RoundedProgram, ranges: Mapping[str, float]) -> dict[str, ArrayValues]:
     """Return every array of `sw_weights.h` by its C name: matrices in int8, tables in uint32, constants of layers with
-    a norm in int32, all other arrays in float64. `ranges` are those of `activation_ranges`. Raises ExportError for a
-    decoder without residual blocks, a layer that is too wide, a layer whose ELU outputs come near the end of their
-    range, or an LSTM whose weights are too large."""
+    a norm in int32, all other arrays in float64. `ranges` is a result of `activation_ranges`. Raises ExportError for a
+    decoder without residual blocks, a layer that is too wide, a layer with ELU outputs near the end of their range, or
+    an LSTM whose weights are too large."""
     program = rounded.program
     if not program.decoder.blocks:
-        raise ExportError("decoder: no residual blocks, the C library needs at least one")
+        raise ExportError("decoder: has no residual block, but the C library needs one or more")
     of_elu = ("encoder.output.weight", "dynamics.hidden.weight", "dynamics.output.weight")
     reach = max(largest for name, largest in ranges.items() if name in of_elu or name.endswith(".elu"))
     if not reach < ELU_MAX:
@@ -179,17 +179,17 @@ def int8_arrays(rounded: RoundedProgram, ranges: Mapping[str, float]) -> dict[st
 
 
 def _inverse_scale(largest: float, width: int) -> float:
-    """Return the factor that converts an activation to its integer. It is arbitrary if the largest activation is 0."""
+    """Return the factor that converts an activation to its integer; any factor if the largest activation is 0."""
     return qmax(padded_size(width)) / (ACTIVATION_MARGIN * largest if largest > 0 else 1.0)
 
 
 def _largest_state(ranges: Mapping[str, float]) -> float:
-    """Return the largest magnitude in the inputs of dynamics and decoder, which have one scale."""
+    """Return the largest magnitude in the inputs of dynamics and decoder. These inputs share one scale."""
     return max(ranges["dynamics.input.weight"], ranges["decoder.input.weight"])
 
 
 def _channels(*columns: Array) -> Array:
-    """Group the constants of n outputs, eight outputs to a group, (n / 8, constants, 8). The padding consists of
+    """Return the constants of n outputs in groups of eight outputs, (n / 8, constants, 8). The padding consists of
     zeros."""
     rows = np.pad(np.stack(columns, axis=-1), [(0, -len(columns[0]) % INT8_LANES), (0, 0)])
     return rows.reshape(-1, INT8_LANES, len(columns)).transpose(0, 2, 1)
@@ -197,8 +197,8 @@ def _channels(*columns: Array) -> Array:
 
 def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale: float) -> Mapping[str, ArrayValues]:
     """Return the constants of a layer with norm and ELU: `sw_NAME_channel`, `sw_NAME_adjoint` and `sw_NAME_layer`. In
-    C, a scaled sum is an integer in a certain unit. The unit is as small as two limits allow: the factor of C's
-    sw_scaled must be below 1/2, and the sum over all outputs must not overflow."""
+    C, a scaled sum is an integer multiple of a unit. The smallest unit is chosen that keeps two limits: the factor of
+    C's sw_scaled must be below 1/2, and the sum over all outputs must not overflow."""
     _stay_below(ELU_ARGUMENT_MAX, np.abs(norm.weight) * np.sqrt(len(bias)) + np.abs(norm.bias), "ELUs behind a norm")
     scales = matrix.scales.astype(np.float64) / inverse_scale
     reach = np.abs(matrix.values.astype(np.float64)).sum(axis=1) * (INT16_QMAX + 1) * scales + np.abs(bias)
@@ -346,8 +346,8 @@ def _decoder(rounded: RoundedProgram, ranges: Mapping[str, float]) -> Mapping[st
 
 
 def _residual_unit(first: Int8Matrix, weights: DecoderWeights, latent: float, finest: float) -> float:
-    """Return the unit of the decoder's int32 residual sum. It is the smallest unit without overflow. However, it is at
-    least 1/512 of the finest unit of the layers' inputs, which are computed from this sum."""
+    """Return the unit of the decoder's int32 residual sum. The unit is the smallest with which the sum cannot overflow,
+    but at least 1/512 of the finest unit of the layers' inputs, which are computed from the sum."""
     sums = np.abs(first.values.astype(np.float64)).sum(axis=1) * (INT16_QMAX + 1) * first.scales / latent
     reach = np.max(sums + np.abs(weights.input.bias)) + len(weights.blocks) * ELU_RANGE
     unit = max(1.0 / finest / 512.0, 1.01 * float(reach) / 2**31)

@@ -1,6 +1,6 @@
-"""The C99 library of one control step: hand-written sources, and generated settings and weights, `sw_settings.h` and
-`sw_weights.c` (`contract.controller.c_folder`). The other files of a folder are documents and the expected answers of
-its example program."""
+"""The C99 library of one control step (`contract.controller.c_folder`): hand-written sources, the generated settings
+`sw_settings.h` and the generated weights `sw_weights.c`. The library's folder also has documents and the expected
+answers of an example program."""
 
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
@@ -43,14 +43,14 @@ _HOT: Final = ("sw_dyn1_rows", "sw_dyn1_adjoint_rows", "sw_dyn2_rows", "sw_dyn2_
 
 
 def int8_library(program: ControllerProgram, calibration: Sequence[Array]) -> dict[str, bytes]:
-    """Round a program on recorded windows (L, S+1), and return its int8 C library."""
+    """Round a program's weights with recorded windows (L, S+1), and return the int8 C library."""
     return c_library(rounded_on(program, calibration), calibration)
 
 
 def c_library(program: Program, calibration: Sequence[Array] = ()) -> dict[str, bytes]:
-    """Return all files of the library by name: in float32, or for a rounded program with integer products. A rounded
-    program needs the recorded windows (L, S+1) on which it was rounded, for the ranges of its activations. Raises
-    ExportError for a value that float32 cannot hold, or a program that the library cannot compute."""
+    """Return all files of the library by name. The library computes in float32 or, for a rounded program, with integer
+    products. `calibration` has the recorded windows (L, S+1) with which a program was rounded; they give the ranges of
+    activations. Raises ExportError for a value that float32 cannot hold, or a program that C cannot compute."""
     if isinstance(program, RoundedProgram):
         arrays = int8_arrays(program, activation_ranges(program.program, calibration))
     else:
@@ -115,7 +115,7 @@ def sources_in(folder: str) -> dict[str, bytes]:
 
 
 def settings(program: ControllerProgram, precision: WeightPrecision) -> dict[str, int | str | np.float32]:
-    """Return all definitions of `sw_settings.h`. Numbers that C shares with Python are defined only in Python."""
+    """Return all definitions of `sw_settings.h`. Numbers that C and Python share are defined only in Python."""
     mpc = program.mpc
     beta1, beta2 = ADAM_BETAS
     return {
@@ -163,8 +163,8 @@ def documents(library: Mapping[str, bytes]) -> dict[str, bytes]:
 
 def replay(controller: Controller, windows: Sequence[Array], horizon: int) -> Array:
     """Return the expected answers of the example program to n windows (L, S+1), (n, 4): planned action, predicted mean
-    Cd and Cl, and cost. Every answer starts from a plan of zeros. If it started from the previous plan, differences in
-    rounding could grow from answer to answer."""
+    Cd and Cl, and cost. Every answer starts from a plan of zeros. If an answer started from the previous plan,
+    differences in rounding could grow from answer to answer."""
     plan, free = np.zeros(horizon), np.ones(horizon)
     steps = [controller.control_step(window, plan, free) for window in windows]
     return np.array([[step.plan[0], *step.forces.mean(axis=0), step.cost] for step in steps])

@@ -32,8 +32,8 @@ from export.to_onnx.prior import lower_prior, lower_schedule, lower_unknown
 
 
 def build_controller(lowered: Program) -> onnx.ModelProto:
-    """Lower a program to ONNX, with int8 weights if it is a rounded program; arithmetic is float32 in both cases.
-    Raises ExportError for a value that float32 cannot hold."""
+    """Lower a program to ONNX. A rounded program gives int8 weights, any other program float32 weights; arithmetic is
+    in float32. Raises ExportError for a value that float32 cannot hold."""
     store, program = store_for(lowered), effective(lowered)
     shapes = program.sizes.shapes()
     graph = Graph()
@@ -96,7 +96,7 @@ def lower_adam(
     gradient: Callable[[Graph, str], str],
 ) -> str:
     """Add nodes that compute the optimised plan (1, H) from the starting plan (1, H), the mask of free actions (H,) and
-    the scalar bound on |a|. `gradient` adds nodes to a body that compute dJ/da (1, H) at a plan (1, H).
+    the scalar bound on |a|. `gradient` adds to a Scan's body the nodes that compute dJ/da (1, H) at a plan (1, H).
     """
     h, mpc = program.mpc.horizon, program.mpc
     beta1, beta2 = ADAM_BETAS

@@ -92,9 +92,9 @@ class Graph:
     def scan(
         self, body: "Graph", *, states: Sequence[str], sequences: Sequence[str], reverse: bool = False
     ) -> tuple[str, ...]:
-        """Run `body` over the first axis of `sequences`. Returns the final states, then the stacked outputs. The body's
-        inputs are the states and then one slice of every sequence. Its outputs are the new states and then the values
-        to stack. With `reverse`, slices are read, and outputs are stacked, from the last to the first."""
+        """Add a Scan of `body` over the first axis of `sequences`. Returns the names of the final states, then of the
+        stacked outputs. The body's inputs are the states, then one slice of every sequence. The body's outputs are the
+        new states, then the values to stack. With `reverse`, the Scan reads and stacks from the last to the first."""
         stacked = len(body._outputs) - len(states)
         directions = {"scan_input_directions": [int(reverse)] * len(sequences)}
         if stacked:
@@ -110,7 +110,7 @@ class Graph:
         )
 
     def model(self, name: str, doc: str) -> onnx.ModelProto:
-        """Return the model, after ONNX's own full check with shape inference."""
+        """Return the model after the full check of ONNX, which includes shape inference."""
         graph = helper.make_graph(self._nodes, name, self._inputs, self._outputs, list(self._initializers.values()))
         model = helper.make_model(
             graph,
@@ -200,8 +200,8 @@ class NormNames:
         return graph.op("LayerNormalization", x, self.gain, self.offset, epsilon=LAYER_NORM_EPSILON)
 
     def normalise(self, graph: Graph, x: str) -> tuple[str, str]:
-        """Add nodes that compute xhat and r = 1 / sqrt(var x + eps). With gain 1, they are the first and the third
-        output of LayerNormalization."""
+        """Add nodes that compute xhat and r = 1 / sqrt(var x + eps). The first and the third output of
+        LayerNormalization with gain 1 and offset 0 are these values."""
         one, zero = graph.constant(np.ones(self.width)), graph.constant(np.zeros(self.width))
         xhat, _, inverse_std = graph.ops("LayerNormalization", x, one, zero, outputs=3, epsilon=LAYER_NORM_EPSILON)
         return xhat, inverse_std

@@ -41,8 +41,8 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
     i, f, g, o = np.split(np.arange(4 * width), 4)
     gates = np.concatenate([i, o, f, g])
     mean = graph.constant(scaling.window_mean, "window_mean")
-    # The window is multiplied by 1 / std, so that a standard deviation too small for float32 is refused. In a division,
-    # it would be rounded to zero.
+    # The window is multiplied by 1 / std, so that a standard deviation too small for float32 is refused. As a divisor,
+    # such a standard deviation would be rounded to zero.
     std = np.array(scaling.window_std)
     rows = window
     if program.encoder_rows < program.window:
@@ -90,7 +90,7 @@ class DynamicsGraph:
         first = centred(graph, store(graph, "dynamics.input.weight"))
         second = centred(graph, store(graph, "dynamics.hidden.weight"))
         third = store(graph, "dynamics.output.weight")
-        # The first columns of the first layer are for the latent state, the last column is for the action.
+        # The first columns of the first layer's matrix are for the latent state, and the last column is for the action.
         by_state = graph.slice(first, 0, latent, 1)
         by_action = graph.slice(first, latent, latent + 1, 1)
         per_action = graph.constant(1.0 / program.scaling.action_std, "1 / action_std")
@@ -108,7 +108,7 @@ class DynamicsGraph:
         self._norms = norm_in, NormNames(graph, weights.norm_hidden, "dynamics.norm_hidden")
         self._backward = graph.op("Mul", second, self._norms[0].gain)
         self._output_backward = graph.op("Mul", third, self._norms[1].gain)
-        # These matrices are transposed and divided by the width n of a layer, for means of products over the layer.
+        # These matrices are transposed and divided by a layer's width n, so that products with them give means.
         self._output_backward_means = _per_width(graph, self._output_backward, self._norms[1])
         self._forward_means = _per_width(graph, self._forward[0], self._norms[0])
         self._column = graph.index([self._horizon, 1])
@@ -265,5 +265,5 @@ class _Block:
 
 
 def _without_ones(layer: Linear, ones: int) -> Array:
-    """Return the bias of a layer whose inputs are all too high by `ones`, so that the layer's output is unchanged."""
+    """Return a layer's bias for inputs that are all too high by `ones`; the layer's output stays the same."""
     return np.asarray(layer.bias - ones * layer.weight.sum(axis=1))

@@ -104,7 +104,7 @@ def _units(graph: Graph, prior: PriorWeights, store: PutMatrix, schedule: str) -
     weighted = graph.op("Mul", store(graph, "prior.first"), graph.op("Reshape", by_row, graph.index([-1, 1])))
     stacked = graph.op("Reshape", weighted, graph.index([scheduled, units, count * columns]))
     by_filter = transposed(graph, graph.op("ReduceSum", stacked, graph.index([0]), keepdims=0))
-    # Each row of this matrix belongs to a filter, as the product with the matrix of filters requires.
+    # The product with the matrix of filters requires one row per filter.
     by_filter = graph.op("Reshape", by_filter, graph.index([count, columns * units]))
     by_age = graph.op("MatMul", graph.constant(prior.filters, "prior.filters"), by_filter)
     return graph.op("Reshape", by_age, graph.index([prior.memory * columns, units]))
@@ -130,8 +130,8 @@ def _past(graph: Graph, prior: PriorWeights, sizes: Sizes, window: str) -> tuple
     for pair in range(pairs):
         signs[2 * pair, pair + 1], signs[2 * pair + 1, pair + 1] = 1.0, -1.0
     signs[-1, 0] = 1.0
-    # This product has the rows (a_{k-1}, y_k). When they are joined and the first number is removed, y_k and a_k
-    # alternate. The last action is missing, because the window does not contain it.
+    # This product has the rows (a_{k-1}, y_k). When the rows are joined and the first number is removed, y_k and a_k
+    # alternate. The last action is missing, because the window does not contain the last action.
     turned = graph.op("MatMul", newest, graph.constant(signs, "differences"))
     size = memory * (pairs + 1)
     row = graph.slice(graph.op("Reshape", turned, graph.index([1, size])), 1, size, 1)

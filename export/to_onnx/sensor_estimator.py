@@ -1,4 +1,4 @@
-"""The estimation of pressures from the other pressures as ONNX nodes; all views of the window are one batch."""
+"""The ONNX graph that estimates each pressure from the other pressures. All views of a window form one batch."""
 
 from typing import Final
 
@@ -23,7 +23,7 @@ DOC: Final = "Pressures estimated from each other: see contract.controller.estim
 
 
 def build_estimator(rounded: RoundedEstimator) -> onnx.ModelProto:
-    """Build `sensors.onnx` of a network. Raises ExportError if a weight of the network has no finite float32."""
+    """Build the graph `sensors.onnx` for a network. Raises ExportError if a weight has no finite float32."""
     network = rounded.network
     sensors, length = network.sensors, network.window
     seen_by = views(sensors)

@@ -45,14 +45,14 @@ def test_layout_that_contradicts_itself_is_refused():
         (("a", "b"), np.zeros((3, 2)), (), r"\(3, 2\): must be \(2, 2\)"),
         (("a", "b"), np.array([(0, 1), (0, np.nan)]), (), "finite"),
         (("a", "b"), np.array([(0, 1), (0, -1)]), (2,), "from 0 to 1"),
-        (("a", "b"), np.array([(0, 1), (1e-5, 1)]), (), "a and b have one position"),
+        (("a", "b"), np.array([(0, 1), (1e-5, 1)]), (), "a and b have the same position"),
     ]
     for names, places, base, message in wrong:
         with pytest.raises(ConfigError, match=message):
             SensorLayout.of(names, places, base=base)
     layout = SensorLayout.of("ab", np.array([(0.0, 1.0), (0.0, -1.0)]))
     assert layout.indices("ba").tolist() == [1, 0]
-    with pytest.raises(ConfigError, match="unknown sensor 'c': there are a, b"):
+    with pytest.raises(ConfigError, match="unknown sensor 'c': the sensors are a, b"):
         layout.indices("ac")
     with pytest.raises(ConfigError, match="twice"):
         layout.indices("aa")

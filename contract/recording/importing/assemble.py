@@ -75,7 +75,7 @@ def assemble(
         raise DatasetError(f"{references['Cp'].option}: a dynamic pressure must be positive")
     for name, reference in references.items():
         if name not in FORCE_COLUMNS and all(source.made is not None for source in sources):
-            raise DatasetError(f"{reference.option}: has no effect on a log, whose messages have their units")
+            raise DatasetError(f"{reference.option}: has no effect on a log, because its messages have units")
     if not sources:
         raise DatasetError("no data file is given: name at least one file for training and one for the test")
     _check_names(sources)
@@ -162,12 +162,12 @@ def _check_clock(path: Path, t: Array, period: float) -> None:
     if problem is None:
         return
     if (np.diff(t) <= 0).any():
-        raise DatasetError(f"{path}: {problem}{'; rows are there twice' if (np.diff(t) == 0).any() else ''}")
+        raise DatasetError(f"{path}: {problem}{'; some rows occur twice' if (np.diff(t) == 0).any() else ''}")
     mean = float((t[-1] - t[0]) / (len(t) - 1))
     finer = round(period / mean)
     if finer >= 2 and abs(finer * mean / period - 1.0) < 0.01:
         problem = (
-            f"t rises by {mean:.6g}, the control period is {period:g}: {finer} samples a period. Keep one row of "
+            f"t rises by {mean:.6g}, but the control period is {period:g}: {finer} samples a period. Keep one row of "
             f"{finer}, so that row k has the pressures at t_k and the action commanded then"
         )
     ratio = f"{mean / period:.4g}"
@@ -199,12 +199,12 @@ def _check_size(path: Path, arrays: Mapping[str, Array], layout: SensorLayout, *
             if 2 * beyond.sum() < beyond.size:
                 k = tuple(np.argwhere(beyond)[0])
                 hint = f"; {array[k]:g}, first at step {k[0]}, may stand for a missing value{GAP}"
-            raise DatasetError(f"{path}: {name!r} reaches {peak:g}, a coefficient stays below {_LARGEST:g}{hint}")
-    # The notes name constant sensors. Rounding can make their deviation positive, so their range is compared with 0.
+            raise DatasetError(f"{path}: {name!r} reaches {peak:g}; a coefficient stays below {_LARGEST:g}{hint}")
+    # Constant sensors are reported elsewhere. The range identifies them, because rounding can give a deviation above 0.
     spread = np.where(np.ptp(arrays["Cp"], axis=0) > 0.0, arrays["Cp"].std(axis=0), np.inf)
     weakest = int(spread.argmin())
     if spread[weakest] < CP_QUANTUM:
         raise DatasetError(
             f"{path}: sensor {layout.names[weakest]} varies by {spread[weakest]:.2g}, less than the {CP_QUANTUM:.2g} "
-            f"that a data set resolves; correct --reference Cp, or take the sensor out of the list if it is dead"
+            f"that a data set resolves; correct --reference Cp, or, if the sensor is dead, remove it from the list"
         )

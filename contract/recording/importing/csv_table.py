@@ -22,7 +22,7 @@ _DECIMAL_COMMA: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 
 @dataclass(frozen=True, kw_only=True)
 class CsvTable:
-    """A table of text cells, whose columns have different names. `lines` has the number of each row's line, from 1."""
+    """A table of text cells, whose columns have different names. `lines` has the line number of each row, from 1."""
 
     path: Path
     header: tuple[str, ...]
@@ -93,7 +93,7 @@ def read_csv(path: Path) -> CsvTable:
             raise DatasetError(f"{path}: line {lines[0]}: column {name!r} occurs twice{hint}")
     for row, line in zip(rows[1:], lines[1:], strict=True):
         if len(row) != len(header):
-            raise DatasetError(f"{path}: line {line}: {len(row)} values, the header has {len(header)} columns")
+            raise DatasetError(f"{path}: line {line}: {len(row)} values, but the header has {len(header)} columns")
     return CsvTable(path=path, header=header, rows=tuple(rows[1:]), lines=tuple(lines[1:]))
 
 
@@ -128,7 +128,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _check_header(path: Path, line: int, header: tuple[str, ...]) -> None:
-    """Refuse a first line without column names; a later message would only say that a column is missing."""
+    """Refuse a first line without column names. A later error message would only say that a column is missing."""
     if all(map(_is_number, header)):
         raise DatasetError(f"{path}: line {line} holds numbers; the first line must have the names of the columns")
     if len(header) == 1 and len(header[0].split()) > 1:
@@ -147,14 +147,14 @@ def read_sensors(
 ) -> SensorLayout:
     """Read the sensors' layout, in the order of the file's rows. Raises DatasetError if a column is missing or a cell
     does not fit; the message states file, line and column. `symmetric` states whether body and jets are symmetric about
-    y = 0. If they are, and every sensor has a mirror image, the mirror images are found from the positions. `told` is
-    called with the names of unused columns, if there are any."""
+    y = 0. If so, and if every sensor has a mirror image, the mirror images are found from the positions. `told` is
+    called with the names of unused columns, if any."""
     table = read_csv(path)
     for column in ("name", "x", "y"):
         if column not in table.header:
             raise DatasetError(
-                f"{path}: no column {column!r}; the first line has {', '.join(table.header)}, it must have name, x and "
-                f"y, and may have base"
+                f"{path}: no column {column!r}; the first line has {', '.join(table.header)}, but it must have name, x "
+                f"and y, and may have base"
             )
     unused = tuple(name for name in table.header if name not in ("name", "x", "y", "base"))
     if unused:

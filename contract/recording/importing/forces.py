@@ -56,13 +56,13 @@ class ForcesTable:
 
     def at(self, times: Array, *, longest_gap: float, slack: float) -> dict[str, Array]:
         """Interpolate the forces linearly at m rising times, (m,). Because clocks differ, a time may be up to `slack`
-        before the first row or after the last row. Raises DatasetError for a time farther outside, or in a gap longer
-        than `longest_gap`; the message states the first and last time of the rows or of the gap."""
+        before the first row or after the last row. Raises DatasetError for a time that is farther outside or lies in a
+        gap longer than `longest_gap`; the message states the first and last time of the rows or of the gap."""
         first = self.names[FORCE_COLUMNS[0]]
         if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
             raise DatasetError(
-                f"{self.path}: {first!r} goes from {self.t[0]:.9g} to {self.t[-1]:.9g} s on the log's clock, the "
-                f"log's rows from {times[0]:.9g} to {times[-1]:.9g} s: the forces must cover these rows; see "
+                f"{self.path}: {first!r} goes from {self.t[0]:.9g} to {self.t[-1]:.9g} s on the log's clock, but "
+                f"the log's rows go from {times[0]:.9g} to {times[-1]:.9g} s: the forces must cover these rows; see "
                 f"--forces-clock and --forces-shift"
             )
         times = np.clip(times, self.t[0], self.t[-1])
@@ -109,7 +109,7 @@ def read_forces(
     }
     for name in FORCE_COLUMNS:
         if len(arrays[name]) != len(t):
-            raise DatasetError(f"{path}: {inside[name]!r} has {len(arrays[name])} rows, {inside['t']!r} has {len(t)}")
+            raise DatasetError(f"{path}: {inside[name]!r} has {len(arrays[name])} rows; {inside['t']!r} has {len(t)}")
     unit = _UNIT.search(inside["t"])
     return ForcesTable(
         path=path,

@@ -17,8 +17,8 @@ from contract.recording.openfoam_tables import FoamTable, read_foam_table
 from contract.sensor_layout import SensorLayout
 
 _ACTIONS: Final = "actions.csv"
-"""Name of the file of actions beside the folder postProcessing. The columns of the file are t (time of the case) and
-action. A case without this file counts as uncontrolled."""
+"""Name of the file with the actions, beside the folder postProcessing. The columns of the file are t (time of the case)
+and action. A case without this file counts as uncontrolled."""
 _POST: Final = "postProcessing"
 _PRESSURES: Final = r"p(_[-+.\de]+)?"
 _FORCES: Final = r"(coefficient|forceCoeffs)(_[-+.\de]+)?\.dat"
@@ -32,8 +32,8 @@ _AT: Final = 0.01
 
 
 def case_of(path: Path) -> Path | None:
-    """Return the case of a path, which may be the case's folder, its postProcessing, or anything in postProcessing.
-    Return None if there is no case."""
+    """Return the OpenFOAM case that a path belongs to. The path may be the case's folder, the folder postProcessing, or
+    anything in postProcessing. Return None if there is no case."""
     path = Path(os.path.realpath(path))  # `resolve` raises RuntimeError for a cyclic link
     if (path / _POST).is_dir():
         return path
@@ -50,8 +50,8 @@ def read_case(
     renamed: Mapping[str, str],
     references: Mapping[str, Reference],
 ) -> Contents:
-    """Read rows one control period apart. If the case has rows at other times, they are interpolated linearly. The
-    pressure p is kinematic; magUInf of the force coefficients converts p to Cp, unless `references` gives the scale.
+    """Read rows one control period apart. If the case's rows have other times, values are interpolated linearly. The
+    pressure p is kinematic. It is converted to Cp with `references` or with the magUInf of the force coefficients.
     Raises DatasetError if the tables cannot be read, or do not fit the layout or the period; the message states the
     file. The arguments are those of `contract.recording.importing.source_file.read_source`."""
     pressures, forces = _table(path, case, _PRESSURES, "probes of p"), _table(path, case, _FORCES, "forceCoeffs")
@@ -74,7 +74,7 @@ def read_case(
     scales = [factor(path, name, inside, None, references.get(name)) for name, inside in found.items()]
     coefficients = forces.rows[:, [columns.index(inside) for inside in found.values()]] * scales
     first, last = (max(pressures.rows[0, 0], forces.rows[0, 0]), min(pressures.rows[-1, 0], forces.rows[-1, 0]))
-    # Without the added tolerance, rounded times could make the last period appear too short.
+    # The tolerance is added because, with rounded times, the last period may appear too short.
     t = first * second + period * np.arange(max(0, int((last - first) * second / period + 1e-4) + 1))
     tables = ((pressures, readings), (forces, coefficients))
     at_periods = [_at(table.files[0], table.rows[:, 0] * second, values, t, period) for table, values in tables]
@@ -92,7 +92,7 @@ def read_case(
 
 
 def _table(path: Path, case: Path, file: str, what: str) -> FoamTable:
-    """Return the table of the function object in whose folder the path lies, or the case's only table."""
+    """Return the table of the function object whose folder contains the path, or else the case's only table."""
     tables = {}
     try:
         for folder in sorted((case / _POST).iterdir()):
@@ -126,7 +126,7 @@ def _probes_of(pressures: FoamTable, layout: SensorLayout) -> Index:
         lines = [found for word, _, found in numbers if word in (["x"], ["y"])]
         places = np.array(lines).T.tolist() if len({len(line) for line in lines}) == 1 else []
     if len(places) != count:
-        raise DatasetError(f"{path}: its header has the positions of {len(places)} probes, its rows have {count}")
+        raise DatasetError(f"{path}: its header has the positions of {len(places)} probes, but its rows have {count}")
     at, wanted = np.array(places, dtype=np.float64), layout.positions
     near = _AT * max(float(np.ptp(wanted, axis=0).max()), 1e-6)
     close = np.hypot(*(at[None] - wanted[:, None]).transpose(2, 0, 1)) <= near
@@ -167,13 +167,13 @@ def _at(path: Path, times: Array, values: Array, t: Array, period: float) -> Arr
     gap = float(np.diff(times[rows]).max())
     if gap > _GAP * period:
         raise DatasetError(
-            f"{path}: rows are up to {gap:.6g} W / U_inf apart, the control period is {period:g}: write one per period"
+            f"{path}: rows are up to {gap:.6g} W / U_inf apart; the control period is {period:g}: write one per period"
         )
     return np.column_stack([np.interp(t, times, column) for column in values.T])
 
 
 def _actions(case: Path, t: Array, scale: float) -> tuple[Array, Array, tuple[Path, ...]]:
-    """Return the actions commanded at the times t, the action before them, and the file of the actions, if any."""
+    """Return the actions commanded at the times t, the action before the first time, and the actions' file, if any."""
     path = case / _ACTIONS
     if not path.is_file():
         return np.zeros(len(t)), np.zeros(1), ()

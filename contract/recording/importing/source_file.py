@@ -1,4 +1,4 @@
-"""A reader of a user's file. It returns arrays with the data set's names and units; references convert the units."""
+"""A reader of a user's file. It returns arrays with the data set's names, and converts units with references."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -52,7 +52,7 @@ _REFERENCE: Final = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """The value in the files that equals 1 in the data set, such as 40 N. Without a unit, it is in the file's unit."""
+    """The value in the files that equals 1 in the data set, such as 40 N. Without a unit, the file's unit applies."""
 
     number: float
     unit: str | None
@@ -70,7 +70,7 @@ def references_of(texts: Sequence[str]) -> dict[str, Reference]:
         name, _, value = (part.strip() for part in text.partition("="))
         parts = _REFERENCE.fullmatch(value)
         if not name or parts is None or not 0.0 < abs(float(parts[1])) < float("inf"):
-            raise ConfigError(f"{option}: write NAME=NUMBER and its unit, such as Cd=40N or t=5ms; not 0")
+            raise ConfigError(f"{option}: write NAME=NUMBER and its unit, such as Cd=40N or t=5ms; 0 is not allowed")
         if name in found:
             raise ConfigError(f"{option}: {name} already has the reference {found[name]}")
         found[name] = Reference(number=float(parts[1]), unit=parts[2] or None, option=option)
@@ -95,7 +95,7 @@ def factor(path: Path, name: str, inside: str, unit: str | None, reference: Refe
         if base != "1":
             general = "give the number in the file that means 1 as in --reference {name}=NUMBER"
             remedy = _REMEDIES.get(base, general).format(name=name)
-            raise DatasetError(f"{path}: {inside!r} is in {unit!r}, {name} must be without dimension: {remedy}")
+            raise DatasetError(f"{path}: {inside!r} is in {unit!r}; {name} must be without dimension: {remedy}")
         return size
     if unit is None or reference.unit is None:
         return 1.0 / reference.number
@@ -106,7 +106,7 @@ def factor(path: Path, name: str, inside: str, unit: str | None, reference: Refe
 
 
 def seconds_in(unit: str | None) -> float | None:
-    """Return the number of seconds in a unit of time; None for a unit of anything else."""
+    """Return the number of seconds in a unit; None if it is not a unit of time."""
     base, size = _base(unit)
     return size if base == "s" else None
 

@@ -20,7 +20,7 @@ DEFAULT_FILL: Final = 9.9692099683868690e36
 """Value that netCDF stores in place of floating-point numbers that were never written."""
 UNWRITTEN: Final = "is the default fill value of netCDF, so this value was never written"
 _DEFAULT_OF_INTEGERS: Final = {2: -(2**15) + 1, 4: -(2**31) + 1, 8: -(2**63) + 2}
-"""Values that netCDF stores for signed integers that were never written, by size in bytes; single bytes have none."""
+"""Values that netCDF stores for signed integers that were never written, by size in bytes. Single bytes have none."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,7 +47,7 @@ class Stored:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """The texts of the array; empty if the array holds anything else."""
+        """The texts of the array; empty if the array is not an array of texts."""
         values = np.asarray(self.values).ravel()
         cells = values.tolist() if values.dtype.kind in "OSU" else ()
         found = [cell.decode(errors="replace") if isinstance(cell, bytes) else cell for cell in cells]
@@ -86,7 +86,7 @@ class Stored:
         return array
 
     def _gaps(self, path: Path, name: str, raw: npt.NDArray[Any], array: Array) -> dict[str, Mask]:
-        """Return masks of the missing or invalid values, by the reason for which they are missing or invalid."""
+        """Return masks of the missing or invalid values. The name of a mask is the reason, for an error message."""
         found: dict[str, Mask] = {}
         for key in ("missing_value", "_FillValue"):
             found[f"is missing by its {key}"] = np.isin(raw, self._like(path, name, key, raw.dtype))
@@ -133,7 +133,7 @@ _TABLES: Final = ("None", "__function_workspace__")
 
 
 def stored_arrays(path: Path) -> dict[str, Stored]:
-    """Return all arrays by name; a name includes groups or structures. Raises DatasetError for an unreadable file."""
+    """Return all arrays by name. Names include the groups or structures. Raises DatasetError for an unreadable file."""
     try:
         with path.open("rb") as file:
             head = file.read(_USER_BLOCK + len(_HDF5))
@@ -167,7 +167,7 @@ def _read_hdf5(path: Path) -> dict[str, Stored]:
 
 
 def _values(file: h5py.File, node: h5py.Dataset) -> Any:
-    """Return the array. If MATLAB wrote it, its axes get MATLAB's order, and its characters become texts."""
+    """Return the array. In an array that MATLAB wrote, the axes get MATLAB's order, and characters become texts."""
     kind = node.attrs.get("MATLAB_class", b"")
     kind = kind.decode() if isinstance(kind, bytes) else str(kind)
     if kind == "cell" and node.dtype.kind == "O":

@@ -75,7 +75,7 @@ def test_what_is_written_is_read_back(folder, tmp_path):
     scaling = replace(SCALING, pressure_mean=(0.1, 0.2, 0.3), pressure_std=(1.0, 1.0, 1.0))
     model_folder.write(tmp_path / "model", description(layout=layout, scaling=scaling, sensors=("tail",)), TENSORS)
     assert model_folder.read(tmp_path / "model").description.layout.difference(layout) is None
-    with pytest.raises(ConfigError, match="unknown sensor 'base_9': there are lid, tail, tail'"):
+    with pytest.raises(ConfigError, match="unknown sensor 'base_9': the sensors are lid, tail, tail'"):
         description(layout=layout, scaling=scaling)
 
 
@@ -97,7 +97,7 @@ def test_only_a_model_is_replaced(tmp_path, folder):
 def test_a_description_that_does_not_fit_is_refused(folder):
     sound = (folder / DESCRIPTION).read_text()
     cases: list[tuple[dict[str, Any], str]] = [
-        ({"schema": "stillwake-model/9"}, "schema 'stillwake-model/9', this version reads 'stillwake-model/2'"),
+        ({"schema": "stillwake-model/9"}, "schema 'stillwake-model/9'; this version reads 'stillwake-model/2'"),
         ({"weights_sha256": "0" * 64}, r"model\.safetensors was altered \(SHA-256 does not match model\.json\)"),
         ({"sensors": ["base_0", "roof"]}, "unknown sensor 'roof'"),
         ({"scaling": None}, "lacks 'scaling'"),

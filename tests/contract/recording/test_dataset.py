@@ -158,7 +158,7 @@ def stored(name: str, change: Callable[[Any], Any]) -> Callable[[h5py.File], Non
 
 
 SPOILT: list[tuple[Callable[[h5py.File], object], str]] = [
-    (with_attribute("/", "schema", "stillwake-dataset/4"), "schema 'stillwake-dataset/4', this version reads"),
+    (with_attribute("/", "schema", "stillwake-dataset/4"), "schema 'stillwake-dataset/4'; this version reads"),
     (lambda file: file["episodes"].clear(), "no episode"),
     (lambda file: file.__delitem__("episodes"), "damaged"),
     (no_field, "episode a: field 'Cl' is missing"),

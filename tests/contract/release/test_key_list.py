@@ -52,7 +52,7 @@ def test_a_list_is_as_it_is_described_and_the_root_key_signs_it():
     message = refusal(key_list.encode(LISTED, STRANGER))
     assert signing.public_key(STRANGER).fingerprint in message
     assert f"must be by the root key {TRUSTED.fingerprint}" in message
-    assert "the signature is not that of its root key" in refusal(laid_out(key=STRANGER))
+    assert "the signature does not match the root key" in refusal(laid_out(key=STRANGER))
     # No change of a list goes unseen.
     for bit in range(0, 8 * len(RAW), 3):
         damaged = bytearray(RAW)

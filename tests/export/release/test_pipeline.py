@@ -155,12 +155,12 @@ def test_calibration_leaves_out_what_is_too_short_and_takes_what_there_is():
     program = random_program(0, model=MODEL, mpc=CONFIG.mpc, sensors=CHOSEN)
     windows = pipeline.calibration_windows(program, EPISODES[:2], LAYOUT)
     assert len(windows) == 200 - (MODEL.window - 1)
-    with pytest.raises(ExportError, match="longest, blink, has 20 steps, 50 windows need 55; --precision float32"):
+    with pytest.raises(ExportError, match="longest, blink, has 20 steps, but 50 windows need 55; --precision float32"):
         pipeline.calibration_windows(program, EPISODES[1:2], LAYOUT)
     # The gates replay the first test episode that is long enough.
     one, two = pipeline.gate_windows(program, EPISODES[1:], LAYOUT)[-1], EPISODES[2].series["Cp"][-1]
     np.testing.assert_array_equal(one[-1, :-1], two[LAYOUT.indices(CHOSEN)])
-    with pytest.raises(ExportError, match="episode blink: 20 steps, 50 windows need 55"):
+    with pytest.raises(ExportError, match="episode blink: 20 steps, but 50 windows need 55"):
         pipeline.gate_windows(program, EPISODES[1:2], LAYOUT)
 
 
@@ -284,5 +284,5 @@ def test_a_sensor_estimator_of_the_controllers_window_is_written_with_its_manife
 def test_rounding_that_changes_too_much_is_refused(program):
     windows = random_windows(program, 30)
     lowered = lower(rounded_on(program, windows), calibration=windows, with_library=False)
-    with pytest.raises(ExportError, match=r"int8 weights: rms_action_error is .*, at most 1e-15 is allowed"):
+    with pytest.raises(ExportError, match=r"int8 weights: rms_action_error is .*; at most 1e-15 is allowed"):
         gate(lowered, windows[:3], {"rms_action_error": 1e-15})

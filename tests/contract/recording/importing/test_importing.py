@@ -86,7 +86,7 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
         ("a.csv", "1,2\n3,4\n", r"a\.csv: line 1 holds numbers; the first line must have the names"),
         ("a.csv", "action;Cd\n0,5;1\n", r"line 2, column 'action': '0,5' is not a number: write 0\.5, with a"),
         ("a.csv", f"{HEADER}\n{ROW.replace('1,0', '1,')}", r"line 2, column 'Cl': '' is not a number; fill the gap"),
-        ("a.csv", f"{HEADER}\n{ROW}\n{ROW[:-2]}", r"a\.csv: line 3: 9 values, the header has 10 columns"),
+        ("a.csv", f"{HEADER}\n{ROW}\n{ROW[:-2]}", r"a\.csv: line 3: 9 values, but the header has 10 columns"),
         ("a.csv", f"{HEADER}\n{ROW.replace('1,0', '1,nan')}", r"a\.csv: line 2, column 'Cl': nan is not finite"),
         ("a.csv", f"{HEADER.replace('Cl', 'Cd')}\n{ROW}", r"a\.csv: line 1: column 'Cd' occurs twice"),
         ("a.csv", f"{HEADER.replace('Cl', 'lift')}\n{ROW}", r"a\.csv: no column 'Cl'; .* use --map Cl=NAME"),
@@ -99,12 +99,12 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
         ("a.npz", {"Cd": np.full(20, 9.96921e36)}, r"'Cd' holds a value, 9\.96921e\+36, that is the default fill"),
         ("a.npz", {"Cl": np.array([{}] * 20)}, "'Cl' holds object, must hold numbers"),
         ("a.csv", f"{HEADER}\n{ROW.replace('1,0', '1,9.96921e36')}", "'Cl': 9.96921e36 is the default fill value"),
-        ("a.csv", f"{HEADER},,\n{ROW}\n{ROW},9,9,9", r"line 3: 13 values, the header has 12 columns"),
+        ("a.csv", f"{HEADER},,\n{ROW}\n{ROW},9,9,9", r"line 3: 13 values, but the header has 12 columns"),
         ("a.npz", {"action": np.linspace(0, 0.4, 20)}, r"action is 0\.4 at step 19, beyond flow.action_limit = 0\.2"),
         ("a.npz", {"t": 5 * T}, r"t rises by 1\.5, must .* if t is in s or ms.* import with --reference t=5$"),
-        ("a.npz", {"t": T / 10}, "t rises by 0.03, the control period is 0.3: 10 samples a period. Keep one row of 10"),
+        ("a.npz", {"t": T / 10}, "t rises by 0.03, but the control period is 0.3: 10 samples a period. Keep one row"),
         ("a.npz", {"t": T[::-1]}, "t does not rise from step 0 to 1"),
-        ("a.npz", {"t": T[np.arange(20) // 2]}, "t does not rise from step 0 to 1: 0, 0; rows are there twice"),
+        ("a.npz", {"t": T[np.arange(20) // 2]}, "t does not rise from step 0 to 1: 0, 0; some rows occur twice"),
         ("a.npz", {"t": np.where(T > 3, T + 0.2, T)}, "t rises by 0.5 from step 10 to 11"),
     ]
     for name, content, message in cases:
@@ -201,8 +201,8 @@ def test_packed_numbers_gaps_and_units_are_those_of_cf(tmp_path, layout):
         (stored, packing | {"valid_range": [0.0, 1.0]}, "is outside its valid_range, first at step 0"),
         (drag, {"scale_factor": "two"}, "its attribute scale_factor .* must be a number"),
         (drag, {"scale_factor": 0.0}, "its attribute scale_factor .* must be a number"),
-        (drag, {"units": "N"}, "'Cd' is in 'N', Cd must be without dimension: .* --reference Cd=40N"),
-        (drag, {"units": "degC"}, "'Cd' is in 'degC', Cd must be without dimension"),
+        (drag, {"units": "N"}, "'Cd' is in 'N'; Cd must be without dimension: .* --reference Cd=40N"),
+        (drag, {"units": "degC"}, "'Cd' is in 'degC'; Cd must be without dimension"),
     ):
         with pytest.raises(DatasetError, match=message):
             imported(packed(tmp_path / "a.h5", values | {"Cd": numbers}, attributes), layout)
@@ -255,7 +255,7 @@ def test_numbers_in_a_unit_are_divided_by_what_1_is_in_it(tmp_path, layout):
     known = {"t": [5.0, "ms"], "Cd": [-40.0, "N"], "x.y": [1.0, None], "Cp": [0.375, None]}
     assert episode.provenance["references"] == known
     for path, texts, message in (
-        (tmp_path / "a.csv", [], r"'t \[ms\]' is in 'ms', t must be without dimension: give W / U_inf as in --ref"),
+        (tmp_path / "a.csv", [], r"'t \[ms\]' is in 'ms'; t must be without dimension: give W / U_inf as in --ref"),
         (tmp_path / "a.csv", ["t=5ms", "Cd=4Pa"], r"'Cd \(N\)' is in 'N' in the file, but --ref"),
         (kilo, ["t=5ms", "Cd=40N"], "'Cp' is in 'kPa', .* --reference Cp=240Pa"),
         (packed(tmp_path / "d.h5", values, {"units": "1"}), ["Cd=40N"], "'Cd' is in '1' in the file"),

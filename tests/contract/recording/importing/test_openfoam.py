@@ -111,7 +111,7 @@ def test_a_case_that_does_not_fit_is_refused_by_file_and_reason(tmp_path):
         (case(tmp_path / "a", speed=20.0, second=0.005), (), r"times are in s, U_inf is 20 m/s: give W / U_inf as in"),
         (case(tmp_path / "b", speed=None), (), "states no magUInf; p is kinematic, so give U_inf"),
         (case(tmp_path / "c"), ("t=0.2s",), r"rows are up to 1\.5 W / U_inf apart"),
-        (case(tmp_path / "d", second=3.0), (), "rows are up to 0.9 W / U_inf apart, the control period is 0.3"),
+        (case(tmp_path / "d", second=3.0), (), "rows are up to 0.9 W / U_inf apart; the control period is 0.3"),
         (text("e", forces, "\tCl\t", "\tlift\t"), (), "no column 'Cl' for Cl; it has Time, Cm, Cd, lift"),
         (text("f", p, "Probe 2 (1 ", "Probe 2 (2 "), (), "no probe, or more than one of its 4, is at the sensor p3"),
         (text("g", p, "\n0.3\t", "\n0.3\tnan\t"), (), r"line 8: 6 values, must have 5"),
