@@ -4,8 +4,7 @@ tests.
     python -m benchmarks full [--resume] [--only NAME] [--list]
 
 A file made by a command gets a stamp: the release and the C sources on which its figures depend, the version, and the
-duration. With the stamps, a test finds files of an earlier release, and `--resume` finds the files that are still to be
-made.
+duration. From the stamps, a test finds files of an earlier release, and `--resume` finds missing and outdated files.
 """
 
 import hashlib
@@ -43,7 +42,7 @@ RESULTS: Final = ROOT / "results"
 PLAN: Final = Path(__file__).with_suffix(".toml")
 RELEASE: Final = "release"
 _OF_ECU: Final = {"ecu": "", "secoc": "secoc", "store": "store", "loader": "loader", "board": "board"}
-"""Folders below `ecu/c`, by their names in `full.toml`. Other names there are folders of the control step's C code."""
+"""Folders below `ecu/c`, by their names in `full.toml`. Other names in `full.toml` are folders of the control step."""
 _COMMENT: Final = re.compile(rb"/\*.*?\*/", re.DOTALL)
 
 

@@ -91,7 +91,7 @@ def kept_runs(
     """Return the results of all runs, in order. `arguments` maps the results file of each run to the arguments of
     `run`. Missing results are computed in `workers` processes."""
     missing = [path for path in arguments if not path.is_file()]
-    # A process takes seconds to start, so none is started if the results of all runs are stored.
+    # A process takes seconds to start, so no process is started if all results are stored.
     if missing:
         with process_pool(min(workers, len(missing))) as pool:
             given = (arguments[path] for path in missing)

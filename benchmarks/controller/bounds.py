@@ -167,8 +167,8 @@ def _line(loop: Loop, known: Mapping[str, Any]) -> str | None:
 
 def _stack_of_runtime(built: Built) -> int:
     """Return the largest stack, in bytes, among the compiler's runtime functions that are called. GCC reports no stack
-    for these functions, so their instructions are analysed. Each function counts with this largest stack, because a
-    function may jump into another function."""
+    for these functions, so their instructions are analysed. This largest stack is used for each of these functions,
+    because a function may jump into another."""
     called = {name for names in built.calls.calls.values() for name in names} - built.calls.stack.keys()
     elf: Any = ELFFile(io.BytesIO(built.image))
     text, table = elf.get_section_by_name(".text"), next(iter(elf.iter_sections("SHT_SYMTAB")))

@@ -103,7 +103,7 @@ class Period:
 
 
 class Measured(NamedTuple):
-    """The work of a control period. `is_mean`: whether it is a period in control with the release's own goal."""
+    """The work of a control period. If `is_mean`, the ECU is in control with the release's own goal."""
 
     drive: str
     cycles: int

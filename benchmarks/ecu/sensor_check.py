@@ -89,7 +89,7 @@ class Lab:
         restarts from `restart`, or continues if `restart` is None."""
         length = self.network.window
         windows = _windows(passage, length)[first:]
-        # This estimator returns estimates that were computed in advance; `now` is that of the present step.
+        # This estimator returns estimates that were computed in advance; `now` is the estimate of the present step.
         ahead: Any = SimpleNamespace(estimates=lambda window: ahead.now)
         check = replace(self.check, estimator=ahead)
         for step, (window, ahead.now) in enumerate(zip(windows, _estimates(self.network, windows), strict=True), first):

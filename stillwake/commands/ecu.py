@@ -43,7 +43,7 @@ _MAKES: Final = {
     "root": "`stillwake keygen` makes a pair",
     "library": "`stillwake export --c` writes one",
 }
-"""A text on the command that makes an option's file, for each of these options."""
+"""For each of these options, a text that names the command that makes the option's file."""
 
 
 class _RunsByDefault(TyperGroup):

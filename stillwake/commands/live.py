@@ -22,7 +22,7 @@ EcuName = Annotated[Literal["python", "c", "mcu", "off"], typer.Option("--ecu", 
 
 def live(
     host: Host = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port to listen at; 0: any that is free.", min=0, max=65535)] = 8765,
+    port: Annotated[int, typer.Option(help="Port to listen at; 0: any free port.", min=0, max=65535)] = 8765,
     open_page: Annotated[bool, typer.Option("--open", help="Open the page in this machine's browser.")] = False,
     bundle: shared.Bundle = None,
     library: shared.Library = None,

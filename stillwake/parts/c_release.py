@@ -1,4 +1,4 @@
-"""The ECU in C, for the folder of a C library, for the shipped bundle's library, and for a library's FMU and image."""
+"""The functions that write the folder of a C library with its ECU, and the library's FMU and image."""
 
 import tempfile
 from collections.abc import Callable, Iterator

@@ -1,8 +1,8 @@
 """The training loop, and the joint fit of encoder, dynamics and decoder (paper, section 2.2.4).
 
 A run depends on configuration and recording only. Batches depend only on the seed and the step. Initial weights and
-dropout depend on a generator that this module seeds and the checkpoint stores. So an interrupted and resumed run ends
-with the weights of an uninterrupted run, on one machine and with one number of threads.
+dropout depend on a generator that this module seeds and the checkpoint stores. So a run that is interrupted and resumed
+ends with the weights of an uninterrupted run, if machine and number of threads are the same.
 
 The default number of torch's threads is one. On a machine with other work, a step with two threads used ten times the
 CPU time of one thread (measured). The number of threads changes the order of sums, and so the bytes of a trained model.
@@ -66,7 +66,7 @@ def device_named(name: str) -> torch.device:
 
 @contextmanager
 def seeded(seed: int, device: torch.device) -> Iterator[None]:
-    """Seed torch's random numbers inside the block; the caller's generators are restored after it."""
+    """Seed torch's random numbers inside the block, and restore the caller's generators at the end."""
     with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
         torch.manual_seed(seed)
         yield

@@ -1,4 +1,4 @@
-"""The selection methods: each takes an encoder, rows and a number of sensors, and returns the sensors' names.
+"""The selection methods. Each takes an encoder, rows and a number of sensors, and returns the chosen sensors' names.
 
 A ridge student is fitted in milliseconds: ridge regression of the teacher's latents on lags of a few sensors. It
 replaces the slim encoder where thousands of choices are compared and not all can be distilled. The fit uses n windows
@@ -86,7 +86,7 @@ class RidgeStudent:
 
     @property
     def sensors(self) -> int:
-        """Number of columns to choose from: all except the column of the action."""
+        """Number of columns to choose from: all columns except the action."""
         return len(self.noise_power) - 1
 
     def error(self, chosen: Sequence[int]) -> float:

@@ -2,9 +2,9 @@
 
 The boundary condition of jets and inlet (`wake.openfoam.case`) reads the velocity at listed instants from one file for
 each instant. In the time step after an instant, the condition opens the file of the next instant. Here the end of every
-time step is an instant, and its file is a named pipe for each patch. So icoFoam waits at the start of each time step
-until the velocities at the step's end arrive. By then icoFoam has written all measurements of the previous step. A ramp
-can then start at any time step of a control period, as in stillwake's solver.
+time step is an instant, and the files are named pipes, one for each patch. So icoFoam waits at the start of each time
+step until the velocities at the step's end arrive. By then icoFoam has written all measurements of the previous step. A
+ramp can then start at any time step of a control period, as in stillwake's solver.
 """
 
 import ctypes

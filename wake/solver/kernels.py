@@ -39,7 +39,7 @@ class Pair(NamedTuple, Generic[T]):
 
 
 class Domain(NamedTuple):
-    """The data that are equal in all steps.
+    """The data that do not change between steps.
 
     Attributes:
         viscosity: 1 / Re.
@@ -106,7 +106,7 @@ def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
     one, half, quarter, nu, a = real(1.0), real(0.5), real(0.25), real(nu), real(a)
     dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
     rdy, rdyc = one / dy, one / dyc
-    # A v-face's cell consists of half the row below and half the row above; the factors are their shares of its height.
+    # A v-face's cell has half of the row below and half of the row above; the factors are the shares of these halves.
     below, above = half * dy[:-1] * rdyc[1:-1], half * dy[1:] * rdyc[1:-1]
     along = np.empty_like(dyc)
     for r in range(runs.shape[0]):

@@ -12,7 +12,7 @@ straight line would give 1 % too little drag. Wall shear follows from the veloci
 The load on the two slot faces comes from the momentum balance of the half cell before each face. Along x, p + u^2 - 2
 nu du/dx on the face equals its value half a cell before the face. The flux through the half cell's sides and its
 acceleration are neglected; they are small and nearly cancel over a cycle. On the default grid the result is within 2 %
-of the force on slots resolved twice as finely; a straight line through two cells has an error of a fifth.
+of the force on a grid with half the cell size; a straight line through two cells has an error of a fifth.
 """
 
 from collections import defaultdict
@@ -35,7 +35,7 @@ def signed_distance(x: npt.ArrayLike, y: npt.ArrayLike, body: BodyConfig = TRUCK
     """Return the distance to the outline in W, positive in the fluid. The distance is exact outside the body. Inside,
     it is exact near the outline."""
     x, y = np.asarray(x, dtype=np.float64), np.abs(np.asarray(y, dtype=np.float64))
-    # One box has only sharp corners, the other box has only rounded corners, like the front of the body.
+    # One box has only sharp corners. The other has only rounded corners, with the radius of the body's front.
     sharp = _box_distance(x, y, body.length, 0.0)
     rounded = _box_distance(x, y, body.length, body.leading_edge_radius)
     return np.where(x < 0.5 * body.length, rounded, sharp)
@@ -71,7 +71,7 @@ def slot_profile(grid: Grid) -> Array:
 
 
 class SlotFaces:
-    """The faces of the jets' slots on one grid. `viscosity` is 1 / Re, `profile` (ny,) the velocity on the faces at
+    """The faces of the jets' slots on one grid. `viscosity` is 1 / Re; `profile` (ny,) is the velocity on the faces at
     `grid.rear` per unit action."""
 
     def __init__(self, grid: Grid, viscosity: float, profile: Array) -> None:
@@ -194,8 +194,8 @@ class Surface:
         return terms
 
     def _flow_points(self, x: float, y: float, nx: float, ny: float, component: Component) -> list[tuple[float, Terms]]:
-        """Return the two nearest points along the normal at (x, y) that lie between values in the fluid. A point is
-        given by its distance, and by the weights with which the flow's values sum to the component's value there."""
+        """Return the two nearest points along the normal at (x, y) that lie between values in the fluid. Each entry has
+        a point's distance, and the weights with which the flow's values sum to the component's value."""
         usable = {"u": self._boundary.open_u, "v": self._boundary.open_v, "p": self._boundary.fluid}[component]
         xs, ys = self._grid.axes(component)
         spacing = max(abs(nx) * _cell_size(self._grid.xf, x), abs(ny) * _cell_size(self._grid.yf, y))
@@ -276,8 +276,8 @@ def _normals(layout: SensorLayout) -> list[tuple[float, float]]:
 
 
 def _cell_size(faces: Array, at: float) -> float:
-    """Return the size of the cell around a point. For a point on a face it is the larger neighbour's size, so that
-    mirror images agree."""
+    """Return the size of the cell around a point. For a point on a face, return the size of the larger neighbour, so
+    that mirror images agree."""
     first, last = np.searchsorted(faces, at, side="left") - 1, np.searchsorted(faces, at, side="right")
     return float(np.diff(faces[first : last + 1]).max())
 

@@ -88,7 +88,7 @@ class TruckWake(CopiedWhole, SteppedPlant):
         return self.sample()
 
     def set_reynolds(self, reynolds: float) -> None:
-        """Continue with the viscosity of another Reynolds number. Later states have this number, too. Raises PlantError
+        """Continue with the viscosity of another Reynolds number. Later states also have this number. Raises PlantError
         if dt is too large."""
         config = replace(self.config, reynolds=reynolds)
         self._check_step(config)

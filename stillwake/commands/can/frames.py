@@ -41,7 +41,7 @@ Trip = Annotated[
 
 
 def key_of(file: str) -> "Key | None":
-    """Return the key in the file named by `bus.key`; None without a file. Raises KeyFileError as `read_key` does."""
+    """Return the key in the file of `bus.key`; None if `bus.key` is empty. Raises KeyFileError as `read_key` does."""
     from can_bridge.secoc.key import read_key
 
     return read_key(Path(file)) if file else None

@@ -153,7 +153,7 @@ def _facts(loaded: Loaded) -> "PlantFacts":
 
 
 def _teller(notes: list[str]) -> Callable[[Path, str], None]:
-    """Return a function that adds a note on a file to the notes that are printed for the user."""
+    """Return a function that adds a note on a file to `notes`, which are printed for the user."""
     return lambda path, note: notes.append(f"note: {path}: {note}")
 
 
@@ -164,7 +164,7 @@ def _assembled(
     renamed: dict[str, str],
     notes: list[str],
 ) -> "Dataset":
-    """Build the data set from all files and show the progress. `forces` has the file of forces of every log."""
+    """Build the data set from all files and show the progress. `forces` gives each log's file of forces."""
     from contract.recording.importing.assemble import EpisodeSource, assemble
 
     sources: list[EpisodeSource] = []
