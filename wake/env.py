@@ -153,8 +153,8 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return self._picture.pixels()
 
     def share_phases(self, other: "TruckWakeEnv") -> None:
-        """Share the store of computed phases with another environment, which must have equal settings and the same
-        start state. Only one of the two may be reset at a time."""
+        """Share the store of computed phases with another environment. Both must have equal settings and the same start
+        state. Only one of the two may be reset at a time."""
         self._phases = other._phases
 
     def __getstate__(self) -> dict[str, Any]:
@@ -184,7 +184,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return start
 
     def _phase(self, steps: int) -> State:
-        """Return the flow `steps` uncontrolled control periods after the start state."""
+        """Return the flow after `steps` control periods without control, counted from the start state."""
         if steps >= len(self._phases):
             self.plant.reset(self._phases[-1])
         while steps >= len(self._phases):

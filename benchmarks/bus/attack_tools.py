@@ -32,7 +32,7 @@ ISOTP_IDS: Final = range(0x7D8, 0x7F0)
 scanner."""
 DIDS: Final = (*range(0xF100, 0xF200), *range(0xFD00, 0xFD40))
 ABSENT: Final = (0x11, 0x7F)
-"""Negative response codes (UDS) for a service that is missing in the ECU, or only in the present session."""
+"""Negative response codes (UDS) for a service that the ECU lacks, or that is missing in the present session only."""
 
 
 def main(json_file: JsonFile = None) -> None:

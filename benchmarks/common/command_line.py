@@ -41,7 +41,7 @@ save: Final = save_json
 
 
 def report(json_file: Path | None, figures: Any, facts: Mapping[str, Any], *tables: Callable[[Any], str]) -> None:
-    """Write the figures to the file and print the given tables of the documents, filled with these figures."""
+    """Write the figures to the file, unless it is None, and print the documents' tables with these figures."""
     found = {"date": date.today().isoformat(), "figures": figures, "facts": facts}
     for made in tables:
         console.print(made(found), markup=False, highlight=False, soft_wrap=True)

@@ -1,5 +1,5 @@
-"""The documents' tables in Markdown, made from the files in `results/`, and their pictures: the folder, the function
-that writes them, and the text that states a picture's results file.
+"""The documents' tables in Markdown, made from the files in `results/`, and the documents' pictures: their folder, the
+function that writes them, and the text that states a picture's results file.
 """
 
 import hashlib

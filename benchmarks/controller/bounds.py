@@ -139,8 +139,8 @@ def deepest(calls: Calls, start: str, runtime: int) -> tuple[int, list[str]]:
 
 
 def stack_of(built: Built) -> tuple[int, list[str]]:
-    """Return the largest stack of a firmware, in bytes, with an exception at the worst place, and the chain of calls
-    that leads to this place."""
+    """Return the largest stack of a firmware in bytes, if an exception occurs at the worst place, and the chain of
+    calls that leads to this place."""
     runtime = _stack_of_runtime(built)
     named = {name.split(" ")[0]: name for name in built.calls.stack}
     depth, chain = deepest(built.calls, named[_START], runtime)

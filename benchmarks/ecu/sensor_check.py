@@ -110,7 +110,7 @@ class Lab:
 
 
 class Outcome(NamedTuple):
-    """The result of a fault: the excluded sensor, whether the jets were shut, and the periods until either happened."""
+    """The result of a fault: the excluded sensor, whether the jets were shut, and the number of periods until then."""
 
     set_aside: int | None
     shut: bool

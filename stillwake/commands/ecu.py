@@ -265,7 +265,7 @@ def _refuse(why: str, **given: Any) -> None:
 
 
 def _needed(what: str, **given: Path | None) -> dict[str, Path]:
-    """Return the paths without which the option `what` does not work; raises ConfigError for the first missing path."""
+    """Return the paths that the option `what` needs; raises ConfigError for the first missing path."""
     found = {}
     for name, value in given.items():
         if value is None:

@@ -45,8 +45,8 @@ def train(
 
     The command can be stopped at any time. The same command continues from the last checkpoint, and the model is the
     same as without a stop. To change a setting use, for example, --set train.epochs=300. The model stores all settings,
-    and `export` starts from them. With --sensors the method of choice is not used. docs/how-to/train.md describes the
-    steps.
+    and `export` starts from them. If --sensors names sensors, train.selection has no effect. docs/how-to/train.md
+    describes the steps.
     """
     # A missing extra is reported before a missing file, because a vehicle's computer has no HDF5.
     from contract.recording.dataset import read

@@ -4,7 +4,7 @@ only on request.
 A second command that would write to a locked path is refused before it begins its work, so no work is lost. A lock is
 the system's lock on a hidden file beside the output, `.NAME.lock`. The lock ends when the process ends, so the hidden
 file of a killed process has no effect. Linux passes the lock on to an NFS server, so the lock also works between
-machines. Windows and some file systems have no such locks, and there no command is refused.
+machines. Windows and some file systems have no such locks; then no command is refused.
 """
 
 import atexit

@@ -67,7 +67,7 @@ class ProgressBar(Progress):
 
 
 class ProgressLines(Progress):
-    """A display of lines of text: at the first update, at least every `interval` seconds, and at the end of each task.
+    """A display that prints a line at the first update, at least every `interval` seconds, and at the end of each task.
 
     A task gets a new line only if it has advanced since its last line. If no task has advanced during an interval, the
     task with the latest line gets another line, to show that the work continues. If a task's first step is long, such

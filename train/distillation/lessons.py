@@ -1,6 +1,6 @@
 """The narrower dynamics and decoder for small ECUs, distilled on roll-outs of trained networks (this project's method).
 
-The paper makes only the encoder smaller. But the other two networks need nearly all computation of a control step: the
+The paper makes only the encoder smaller. But the other two networks take nearly all the time of a control step: the
 optimiser rolls them out over `horizon` steps, forwards and backwards, in every iteration. So a student, a narrower
 version of these two networks, learns from lessons. A lesson has a roll-out of `horizon` steps from a latent of the
 vehicle's encoder, the forces, and the gradient of the controller's cost with respect to the plan. The optimiser uses
@@ -167,9 +167,9 @@ def distil_predictor(
 
     The loss is the sum of three terms. The first term is the mean square of the latents' difference over h = 1 .. H.
     The second term is the Smooth L1 of the forces' difference over h = 0 .. H. Latents and forces are in standard
-    deviations. The third term is `slope_weight` times the mean square difference of the cost's gradients by student and
-    teacher, divided by the mean square of the teacher's gradient. Returns the student in evaluation mode, with the slim
-    widths of `model`, on the lessons' device.
+    deviations. The third term is `slope_weight` times the mean square difference between the student's and the
+    teacher's gradients of the cost, divided by the mean square of the teacher's gradient. Returns the student in
+    evaluation mode, with the slim widths of `model`, on the lessons' device.
     """
     device = lessons.actions.device
     batch_size = max(2, settings.batch_size // _FEWER)

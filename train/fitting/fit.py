@@ -84,8 +84,8 @@ def optimise(
 ) -> None:
     """Minimise `loss(step)["total"]` over the module's parameters in place, with `steps` steps of Adam. The learning
     rate is constant or has one cycle (warm-up, then cosine to zero; Smith 2017). Call this function inside `seeded`:
-    the generator's state is saved and restored with the checkpoint. Raises the errors of `Checkpoints`. Raises
-    TrainingError, after removing the checkpoints, as soon as loss or weights are not finite."""
+    the generator's state is saved and restored with the checkpoint. Raises the errors of `Checkpoints`. As soon as loss
+    or weights are not finite, removes the checkpoints and raises TrainingError."""
     optimiser = torch.optim.Adam(module.parameters(), lr=settings.learning_rate)
     rate = _rate(optimiser, steps, settings)
     first = 0

@@ -23,7 +23,7 @@ def last_hidden(
 ) -> Tensor:
     """Compute the LSTM's final hidden state for every window of L rows. The S segments (S, R, F) have R >= L
     consecutive rows of F features. Returns (S, R - L + 1, H): entry w of a segment is the state after rows w .. w+L-1,
-    starting from zero. Weights and biases are (4H, F), (4H, H), (4H,), (4H,) as in `torch.nn.LSTM`."""
+    starting from zero. `weight_ih` is (4H, F), `weight_hh` (4H, H) and each bias (4H,), as in `torch.nn.LSTM`."""
     count, rows, features = segments.shape
     flat = segments.transpose(0, 1).reshape(rows * count, features)
     projected = torch.addmm((bias_ih + bias_hh)[:, None], weight_ih, flat.T).view(-1, rows, count)

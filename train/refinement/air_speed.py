@@ -22,9 +22,9 @@ RUN_PERIODS: Final = 900
 RAMP: Final = 40
 """Periods over which the speed changes from the design speed to a run's first speed."""
 CHANGE: Final = 1e-3
-"""Mean change of the speed in a period of a ramp, in design speeds: a vehicle's full range in 16 s."""
+"""Mean change of the speed in a period of a ramp, in design speeds. A vehicle's full range then takes 16 s."""
 SPEEDS_BEYOND: Final = 0.2
-"""Distance beyond the range of speeds up to which speeds are drawn, as a share of the range."""
+"""Distance by which a drawn speed may exceed the range of speeds, as a share of the range."""
 MOST_WRONG: Final = 0.12
 """Largest error of a told speed, as a share of the true speed."""
 DESIGN_SPEED_EVERY: Final = 8
@@ -110,7 +110,7 @@ def fit(found: Sequence[tuple[Array, Array]], pairs: int, *, seed: int) -> tuple
     all_terms, right = np.concatenate(equations), np.concatenate(wanted)
     scaled, middle = all_terms[:, :-1], right.mean()
     mean, deviation = scaled.mean(axis=0), scaled.std(axis=0)
-    # Without control some terms are always 0.
+    # Some terms are always 0 without control, so their deviation is 0.
     deviation[deviation == 0.0] = 1.0
     scaled = (scaled - mean) / deviation
     normal = scaled.T @ scaled + WEIGHT_COST * len(scaled) * np.eye(scaled.shape[1])

@@ -108,7 +108,7 @@ def demonstration(
     run: Watched, expert: Feedback, goal: Goal, *, told: Array, expert_told: float = 1.0
 ) -> Demonstration:
     """Return an expert's actions in the states of a run, as a demonstration for a prior that is told another speed. The
-    first periods are left out, because the memory is not full.
+    first periods are left out, because the memory is not yet full.
 
     Args:
         told: (n,) speed that the prior is told, divided by the true speed.

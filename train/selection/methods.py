@@ -1,8 +1,8 @@
 """The selection methods. Each takes an encoder, rows and a number of sensors, and returns the chosen sensors' names.
 
 A ridge student is fitted in milliseconds: ridge regression of the teacher's latents on lags of a few sensors. It
-replaces the slim encoder where thousands of choices are compared and not all can be distilled. The fit uses n windows
-with centred lags X (n, F) and centred latents Z (n, N_z). The student's weights are
+replaces the slim encoder where thousands of choices are compared, too many to distil an encoder for each. The fit uses
+n windows with centred lags X (n, F) and centred latents Z (n, N_z). The student's weights are
 
     W = (X'X/n + lambda I)^-1 X'Z/n
 
@@ -30,7 +30,7 @@ from train.networks.samples import Rows
 from train.selection.shap_ranking import ShapRanker, check_count, rank
 
 STRIDE: Final = 4
-"""Distance between two lags, in rows: 0.8 t_c. A shedding cycle has about six lags, a window of 32 rows has 8."""
+"""Distance between two lags, in rows: 0.8 t_c. A shedding cycle has about 6 lags, and a window of 32 rows 8."""
 
 RIDGE: Final = 1e-4
 """Ridge parameter lambda. Inputs have unit variance, so lambda acts like noise of 1 % of a standard deviation."""
@@ -134,8 +134,8 @@ def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:
     The order alternates between the next pair along the sides, from the rear forward, and the next pair across the
     base, from its edges inward. When the sides or the base have no more pairs, the remaining pairs follow. On the
     truck, the first four are upper_39, lower_39, base_0 and base_9. Sensors on the symmetry line come last, from the
-    rear forward. An odd count may end with only the upper sensor of a pair. Raises ConfigError without mirror images or
-    base sensors.
+    rear forward. An odd count may end with only the upper sensor of a pair. Raises ConfigError if the layout has no
+    mirror images or no base sensors.
     """
     mirror = layout.mirror
     if mirror is None or not layout.base.size:

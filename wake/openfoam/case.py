@@ -2,7 +2,7 @@
 
 `timeVaryingMappedFixedValue` reads a patch's velocity at each listed instant from a file, and ramps linearly between
 instants. The velocity is uniform at the inlet and a parabola over each slot. A case without control lists its start and
-a time that is never reached. A case in closed loop lists the end of every time step, and its files are named pipes.
+a time that is never reached. A case in closed loop lists the end of every time step, and reads from named pipes.
 
 The pressure on a wall face equals the pressure in its cell (zero normal gradient at the wall), so a sensor's pressure
 is interpolated linearly along the wall between the two nearest faces.
@@ -121,8 +121,8 @@ def sensor_weights(mesh: Mesh) -> Array:
 
 
 def slot_shares(cells: int) -> Array:
-    """Return the fraction of a slot's flow through each of its equal faces, (cells,), as exact integrals of the jet's
-    parabolic profile."""
+    """Return the fractions of a slot's flow that pass through its equal faces, (cells,). They are exact integrals of
+    the jet's parabolic profile."""
     s = np.linspace(0.0, 1.0, cells + 1)
     return np.diff(s**2 * (3.0 - 2.0 * s))
 

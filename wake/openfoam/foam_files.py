@@ -28,7 +28,7 @@ def block(name: str, entries: Mapping[str, Any], indent: str = "") -> str:
 
 
 def vectors(xy: Array) -> str:
-    """Return the text of a list of n vectors in the plane z = 0, from their x and y, (n, 2)."""
+    """Return the text of a list of n vectors with the given x and y, (n, 2), and z = 0."""
     return numbers([f"({x:.17g} {y:.17g} 0)" for x, y in xy])
 
 

@@ -88,7 +88,7 @@ def _buoyancy(mesh: Mesh, patch: str) -> float:
     """Return the force in x on a patch that results from a pressure with gradient -1 and the value 0 at the outlet. The
     forces on all patches of a closed body add up to the body's area."""
     ends = mesh.points[mesh.patches[patch]]
-    # The flow is on the left of an edge, so this is the area of the wall in x, positive if the wall faces downstream.
+    # The flow is on the left of an edge, so `facing` is the wall's area in x, positive if the wall faces downstream.
     facing = ends[:, 0, 1] - ends[:, 1, 1]
     return float((mesh.patch_centres(patch)[:, 0] - DOMAIN_X[1]) @ facing)
 

@@ -162,5 +162,5 @@ class IcoFoam(NeverCopied):
 
 
 def _die_with_parent() -> None:
-    """Let the kernel end the child when the thread that started the child ends, for whatever reason."""
+    """Let the kernel end the child process when the thread that started it ends for any reason."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

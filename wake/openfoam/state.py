@@ -86,7 +86,7 @@ def read_fields(folder: Path) -> dict[str, bytes]:
 
 
 def put(state: FoamState, folder: Path) -> None:
-    """Write a state as the start of a case, t = 0."""
+    """Write a state into a case as the case's state at t = 0."""
     start = folder / "0"
     (start / "uniform").mkdir(parents=True, exist_ok=True)
     for name, content in state.files.items():

@@ -1,5 +1,5 @@
-"""The pictures of the flow around the truck or another body, with its jets and sensors, and their animation as a GIF or
-WebP file by Pillow.
+"""The pictures of the flow around the truck or another body, with jets and sensors. Pillow writes animations of these
+pictures as GIF or WebP files.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -251,13 +251,13 @@ class MovingPicture(Protocol):
     figure: Figure
 
     def record(self) -> None:
-        """Record the plant's present state; called after every control period from the first frame on."""
+        """Record the present state; `animate` calls this after every control period from the first frame on."""
 
     def pixels(self) -> Pixels:
         """Draw the present state as RGB pixels (height, width, 3)."""
 
     def palette(self) -> Array:
-        """Return the n <= 256 colours for a GIF, (n, 3), from 0 to 1."""
+        """Return the colours for a GIF, (n, 3) from 0 to 1; n is at most 256."""
 
 
 def animate(

@@ -70,7 +70,7 @@ class PartsFolder:
             temporary.write_text(owner)
 
     def is_owned_by(self, owner: str) -> bool:
-        """Return whether the call with this token owns the folder; also False if the folder cannot be read here."""
+        """Return whether the call with this token owns the folder; False if this machine cannot read the folder."""
         try:
             return self._owner.read_text() == owner
         except OSError:

@@ -172,7 +172,7 @@ class FlowSolver(CopiedWhole):
 
 
 def stage_ends(steps: int) -> Array:
-    """Return the end of each stage as a time since the first step's beginning, in units of a step, (steps, 3)."""
+    """Return the time at the end of each stage, (steps, 3), in units of a step from the first step's start."""
     return np.add.outer(np.arange(steps), STAGE_END)
 
 

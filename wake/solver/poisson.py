@@ -229,8 +229,8 @@ def _scatter(spectral: Array, links: Links, y: Array, q: Array) -> None:
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _product(a: Array, b: Array, out: Array) -> None:
-    """Compute out = a b for b (h, h) with h a multiple of 4. The loop computes three rows of the result at a time, and
-    adds four terms of their sums at once.
+    """Compute out = a b for b (h, h), where h is a multiple of 4. The loop computes three rows of the result at a time,
+    and adds four terms of their sums at once.
 
     The terms of each sum are added in a fixed order, so that the result does not depend on the grouping of rows.
     """

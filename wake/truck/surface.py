@@ -2,7 +2,7 @@
 U_inf^2 W / 2.
 
 The body is a rectangle whose front corners may be rounded (paper, figure 1). Two slots at the edges of its base act in
-opposition, one blowing while the other sucks, so that the net mass flow is zero at every instant.
+opposition: one blows while the other sucks, so that the net mass flow is zero at every instant.
 
 Each measured quantity except the slots' load is a fixed weighted sum of u, v and p, so one sparse product per control
 step gives these quantities. The wall pressure follows from a parabola along the normal. The parabola passes through two

@@ -60,8 +60,8 @@ def send(
     """Send one of stillwake's messages, with its E2E header.
 
     A value that does not fit its signal is refused. A receiver uses a message only after several good frames in a row:
-    see --count. Messages of the secured set are signed with bus.key and with the number of power cycles in --trip,
-    which must be larger than every number that was used with this key. After a receiver has accepted such messages, it
+    see --count. Messages of the secured set are signed with bus.key and with --trip, a number of power cycles. This
+    number must be larger than every number that was used with this key. After a receiver has accepted such messages, it
     rejects the frames of the original sender until the sender's own number of power cycles exceeds --trip. To send
     other frames, use python-can: `python -m can.player` sends the frames of a log.
 

@@ -1,4 +1,4 @@
-"""The live view of a bus, and the table of a log: `stillwake can monitor`, drawn by rich."""
+"""The command `stillwake can monitor`, which shows a live table of a bus, or the table of a log."""
 
 import time
 from collections.abc import Callable
@@ -29,7 +29,7 @@ REFRESH_S = 0.1
 MOST_AT_ONCE = 2000
 """Largest number of frames read between two drawings, so that the table is also redrawn on a flooded bus."""
 OTHER_COLUMNS = 70
-"""Width in characters of all columns except the column of values, with the longest names and numbers."""
+"""Width in characters of all columns except the column of values, for the longest names and numbers."""
 
 STALE_S = 1.0
 """Age in s of a message's newest frame above which the message's row is drawn dim."""

@@ -72,7 +72,7 @@ def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
             found[labels[label]] = Path(text[len(label) + 1 :])
     if len(general) > 1:
         raise DatasetError(
-            f"--forces {general[1]}: is the second file; with several, write LOG=FILE, where LOG is one of "
+            f"--forces {general[1]}: is the second file; for several files, write LOG=FILE, where LOG is one of "
             f"{', '.join(map(str, logs))}"
         )
     for log in logs:
