@@ -75,7 +75,7 @@ class Figures:
 
 
 def plan(path: Path = PLAN) -> tuple[list[Figures], dict[str, str]]:
-    """Return the files to make, in order, and the results files of finished studies with their descriptions."""
+    """Return the files to make, in order, and a description of each results file of finished studies."""
     tree = tomllib.loads(path.read_text(encoding="utf-8"))
     history = tree.pop("history")
     return [Figures(name=name, **fields) for name, fields in tree.items()], history
@@ -112,7 +112,7 @@ def main(
     figures, _ = plan()
     chosen = [one for one in figures if not only or any(fnmatch(one.name, pattern) for pattern in only)]
     if not chosen:
-        raise StillwakeError(f"--only {only[0]}: no such file; one of {', '.join(one.name for one in figures)}")
+        raise StillwakeError(f"--only {only[0]}: no such file; must be one of {', '.join(one.name for one in figures)}")
     if show:
         _list(chosen)
         return

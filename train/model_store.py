@@ -102,7 +102,7 @@ def load(path: Path) -> TrainedModel:
 
 
 def _parts(teacher: WakeModel, slim: Encoder, predictor: Predictor | None) -> Mapping[str, nn.Module]:
-    """Return the networks by the prefixes of their weights' names in the file."""
+    """Return each network by the prefix of its weights' names in the file."""
     parts: dict[str, nn.Module] = dict(teacher.named_children())
     parts["slim"] = slim
     if predictor is not None:

@@ -87,7 +87,7 @@ def _fit(
     starts = torch.tensor(
         np.concatenate([b + np.arange(len(item) - window + 1) for b, item in zip(begins, learned, strict=True)])
     )
-    # The network needs no training for exchanged sensors: once the exchange is undone, the windows are ordinary.
+    # Training needs no exchanged sensors: the check undoes an exchange first, so the network gets ordinary windows.
     hidden = torch.zeros(sensors + sensors * (sensors - 1) // 2, sensors)
     for flags, view in zip(hidden, views(sensors), strict=False):
         flags[list(view.left_out)] = 1.0

@@ -49,7 +49,7 @@ def main(json_file: JsonFile = None) -> None:
 
 @contextmanager
 def _ecu(place: Path) -> Iterator[None]:
-    """Provision the ECU and run it until the block ends; raise StillwakeError if the ECU ends before."""
+    """Provision the ECU and run it until the block ends; raise StillwakeError if the ECU ends earlier."""
     root, keys, slots, access = (str(place / name) for name in ("root", "keys.list", "slots", "access.key"))
     trusted = ROOT / "contract" / "release" / "release.pub"
     stillwake("keygen", root)

@@ -140,7 +140,7 @@ def worst_periods(
     asked = replace(own, weights=replace(own.weights, lift_mean=1e-3, rate=1e-3, smoothness=1e-3))
     ran = [_period(ecu, vehicle.now_ns, Period(frames=vehicle.frames()), _OWN_GOAL, most) for _ in range(_WARM)]
     if not any(one.is_mean for one in ran):
-        raise McuError(f"the ECU did not come into control in {_WARM} control periods")
+        raise McuError(f"the ECU did not take control within {_WARM} control periods")
     saved, stack = ecu.saved(), ecu.board.stack_depth()
     for name in _DRIVES if drives is None else drives:
         there = deepcopy(vehicle)

@@ -37,7 +37,7 @@ from train.refinement.imitation import Demonstration, demonstration, watch
 
 SPEEDS: Final = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4)
 TOLD: Final = (0.9, 0.95, 1.0, 1.05, 1.1)
-"""Ratios of the speed that the prior gets to the true speed."""
+"""Ratios of the told speed to the true speed."""
 BEST_TOLD: Final = {0.8: 0.95}
 """For a true speed, a ratio that gives the prior of `truck-wake-14` less drag than the right speed does. From two
 starts, Cd is 0.799 and 0.798 instead of 0.827 and 0.814."""

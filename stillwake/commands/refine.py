@@ -63,7 +63,7 @@ def refine(
     config = settings("refine", given, uses=USES, base=own).config
     if (config.body, config.flow) != (own.body, own.flow):
         raise ConfigError(
-            f"--set: body or flow differ from the model {folder_read}: name a model of that body with --model"
+            f"--set: body or flow differ from the model {folder_read}: name a model for them with --model"
         )
 
     from stillwake.parts.differentiable_wake import differentiable_wake, wake_of

@@ -70,7 +70,7 @@ Bus = Annotated[
 WAKE: Final = "wake"
 """Name of stillwake's flow solver in options that select the source of the pressures."""
 _LONGEST: Final = 1e5
-"""Longest time in t_c that an option accepts. To simulate this time takes days, but the arrays fit into memory."""
+"""Longest time in t_c that an option accepts. A simulation of this time takes days, but its arrays fit into memory."""
 _LONGEST_S: Final = 1e7
 """Longest time in s that an option accepts: four months. A longer time is a mistake, and clocks may round it."""
 

@@ -60,7 +60,7 @@ def device_named(name: str) -> torch.device:
     if name not in ("cpu", "cuda"):
         raise ConfigError(f"device {name!r}: must be 'cpu' or 'cuda'")
     if name == "cuda" and not torch.cuda.is_available():
-        raise ConfigError("device 'cuda' was asked for, but this machine or this build of torch has no CUDA")
+        raise ConfigError("device 'cuda': this machine or this build of torch has no CUDA")
     return torch.device(name)
 
 
@@ -84,8 +84,8 @@ def optimise(
 ) -> None:
     """Minimise `loss(step)["total"]` over the module's parameters in place, with `steps` steps of Adam. The learning
     rate is constant or has one cycle (warm-up, then cosine to zero; Smith 2017). Call this function inside `seeded`:
-    the generator's state is saved and restored with the checkpoint. Raises the errors of `Checkpoints`. As soon as loss
-    or weights are not finite, removes the checkpoints and raises TrainingError."""
+    the generator's state is saved and restored with the checkpoint. Raises the errors of `Checkpoints`. Removes the
+    checkpoints and raises TrainingError as soon as loss or weights are not finite."""
     optimiser = torch.optim.Adam(module.parameters(), lr=settings.learning_rate)
     rate = _rate(optimiser, steps, settings)
     first = 0

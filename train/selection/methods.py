@@ -30,14 +30,14 @@ from train.networks.samples import Rows
 from train.selection.shap_ranking import ShapRanker, check_count, rank
 
 STRIDE: Final = 4
-"""Distance between two lags, in rows: 0.8 t_c. A shedding cycle has about 6 lags, and a window of 32 rows 8."""
+"""Distance between two lags, in rows: 0.8 t_c. A shedding cycle has about 6 lags, and a window of 32 rows has 8."""
 
 RIDGE: Final = 1e-4
 """Ridge parameter lambda. Inputs have unit variance, so lambda acts like noise of 1 % of a standard deviation."""
 
 FITTED: Final = 4000
 JUDGED: Final = 2000
-"""Numbers of windows for the fit (`FITTED`) and the test (`JUDGED`); fewer windows are split in this ratio."""
+"""Numbers of windows for fit (`FITTED`) and test (`JUDGED`); if there are fewer, they are split in this ratio."""
 
 _CHUNK = 1024
 

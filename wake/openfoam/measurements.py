@@ -85,7 +85,7 @@ class Instruments:
 
 
 def _buoyancy(mesh: Mesh, patch: str) -> float:
-    """Return the force in x on a patch that results from a pressure with gradient -1 and the value 0 at the outlet. The
+    """Return the force in x that a pressure with gradient -1 and the value 0 at the outlet exerts on a patch. The
     forces on all patches of a closed body add up to the body's area."""
     ends = mesh.points[mesh.patches[patch]]
     # The flow is on the left of an edge, so `facing` is the wall's area in x, positive if the wall faces downstream.

@@ -262,7 +262,7 @@ class EpisodeJob:
             raise StillwakeError(f"{platform.node()} does not find {self.parts.path}: it must be in a shared folder")
         mine = setting_of(self.config, self.plan.packages, self.start)
         if mine != self.setting:
-            raise StillwakeError(f"{platform.node()} has another value of: {differing(mine, self.setting)}")
+            raise StillwakeError(f"{platform.node()} has other values of {differing(mine, self.setting)}")
         plan, blocks = self.plan, self.blocks
         if blocks.finished == plan.steps:
             return

@@ -114,8 +114,8 @@ class FlowSolver(CopiedWhole):
         wind: Callable[[float], float] | None = None,
         starts: Array | None = None,
     ) -> None:
-        """Take `steps` time steps in place while the action ramps linearly from `action_from` to `action_to`. If the
-        new flow is not finite or is faster than physically possible, restores the flow and raises PlantError.
+        """Take `steps` time steps in place while the action ramps linearly from `action_from` to `action_to`. Restores
+        the flow and raises PlantError if the new flow is not finite or is faster than physically possible.
 
         Args:
             wind: excess of the stream's velocity over the inflow velocity, as a continuous function of the time since

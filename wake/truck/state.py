@@ -68,18 +68,18 @@ def check_origin(
         raise PlantError(
             f"flow state is for a body of length {origin.body_length:g} and leading-edge radius "
             f"{origin.leading_edge_radius:g}, this plant has {body.length:g} and {body.leading_edge_radius:g}: "
-            "`stillwake develop` with the same --set body.* makes a state for it, to be given with --state"
+            "`stillwake develop` with the same --set body.* makes a state that fits; name it with --state"
         )
     if shape is not None and origin.shape != shape:
         (nx, ny), (mine_x, mine_y) = origin.shape, shape
         raise PlantError(
             f"flow state is for a grid of {nx} x {ny} cells, this grid needs {mine_x} x {mine_y}: `stillwake develop` "
-            "with the same --set flow.refinement makes a start for it"
+            "with the same --set flow.refinement makes a start that fits"
         )
     if reynolds is not None and origin.reynolds != reynolds:
         raise PlantError(
             f"flow state is for reynolds = {origin.reynolds:g}, this plant has {reynolds:g}: "
-            f"`{develops(reynolds)}` makes a state for it, to be given with --state"
+            f"`{develops(reynolds)}` makes a state that fits; name it with --state"
         )
 
 

@@ -232,7 +232,7 @@ class DriveReader:
 
     def _room(self, series: "LogSeries") -> dict[str, float]:
         """Return the tolerances in s for `ForcesTable.at`: the largest distance between a time in the table and the
-        time of a row, and the longest gap: `fill` missing rows plus an allowance for jitter."""
+        time of a row, and the longest gap, which is `fill` missing rows plus an allowance for jitter."""
         from contract.recording.findings import STEP_TOLERANCE
 
         return {"slack": STEP_TOLERANCE * series.period_s, "longest_gap": (self.fill + 1.5) * series.period_s}

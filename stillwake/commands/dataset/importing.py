@@ -100,7 +100,7 @@ def import_(
     logs = [path for path, _ in roles if is_log(path)]
     for path in logs:
         if logs.count(path) > 1:
-            raise DatasetError(f"{path}: given twice, but an episode has one role: with no other log, split this log")
+            raise DatasetError(f"{path}: given twice, but an episode has one role: give two logs, or split this log")
     zone, loaded = drives.zone_of(log_zone), settings("dataset import", given, uses=(*drives.USES, *_FLOW))
     only_logs = any((split, forces, forces_clock, forces_shift, channel, zone)) or loaded.in_overrides - set(_FLOW)
     if only_logs and not logs:
