@@ -151,7 +151,7 @@ def _check_selection(config: Config, layout: SensorLayout, chosen: Sequence[str]
 def _choice(
     encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress
 ) -> tuple[tuple[str, ...], SensorChoice]:
-    """Return the names of the chosen sensors, and the record of the choice."""
+    """Return the names of the chosen sensors, and a description of the choice."""
     settings = config.train
     if settings.selection == "shap":
         ranking = _ranking(encoder, rows, config, checkpoints, progress)

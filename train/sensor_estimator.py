@@ -140,7 +140,7 @@ def _disturbed(seen: Tensor, unit: Tensor, generator: torch.Generator) -> Tensor
     readings = seen[:, :, :-1] + level * unit * torch.randn(batch, length, columns - 1, generator=generator)
     share = HELD * torch.rand(batch, 1, generator=generator) * torch.randint(2, (batch, 1), generator=generator)
     held = torch.rand(batch, length, generator=generator) < share
-    held[:, 0] = held[:, -1] = False  # never repeated: the ECU judges no period without readings
+    held[:, 0] = held[:, -1] = False  # the ECU judges no period without readings
     source = torch.where(held, 0, torch.arange(length)).cummax(dim=1).values
     readings = torch.gather(readings, 1, source[:, :, None].expand(-1, -1, columns - 1))
     return torch.cat([readings, seen[:, :, -1:]], dim=2)

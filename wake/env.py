@@ -30,9 +30,9 @@ _SILENCE_S: Final = 3.0
 class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     """A Gymnasium environment of the wake. One step is one control period of 0.2 t_c.
 
-    Observation: Cp at the named sensors, in the order of the names, float32. Action: jet flow rate in U_inf W, shape
-    (1,), within +-0.075. Reward: -Cd of the wall. An episode never terminates; it is truncated at step `episode_steps`
-    and at every later step.
+    The observation is Cp at the named sensors, in the order of the names (float32). The action is the jet flow rate in
+    U_inf W, shape (1,), within +-0.075. The reward is -Cd of the wall. An episode never terminates; it is truncated at
+    step `episode_steps` and every later step.
 
     At every step `info` holds the drag ledger, with the names and units of `wake.plant.sample.Sample`. `info` also has
     `clipped`, whether this step's action was clipped, and `clipped_count`, the episode's number of clipped actions.
@@ -122,8 +122,8 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return self._observe(sample), info
 
     def step(self, action: npt.NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Ramp the jets to `action` over one control period. Raises PlantError for an action that is not one finite
-        value; gymnasium.error.ResetNeeded before the first reset."""
+        """Ramp the jets to `action` over one control period. Raises PlantError if the action is not one finite value;
+        gymnasium.error.ResetNeeded before the first reset."""
         if self._step_count is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
         values = np.asarray(action, dtype=np.float64)

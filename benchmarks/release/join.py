@@ -35,7 +35,7 @@ PERIODS: Final = 1000
 drag becomes constant in half of this time."""
 STARTS: Final = 2
 RAMP: Final = 40
-"""Periods over which the speed changes from the design speed."""
+"""Number of periods over which the speed changes from the design speed to an expert's speed."""
 
 
 def feedback_of(model: TrainedModel, base: TrainedModel) -> Feedback:

@@ -39,9 +39,9 @@ class LiveParts:
     """The parts of one live loop; the process of the loop gets this object at its start.
 
     Attributes:
-        bundle: release bundle; the shipped bundle if None.
+        bundle: release bundle; None means the shipped bundle.
         library: C library of the bundle; if None, the library of the shipped bundle is made when it is needed.
-        state: initial state of the flow; the shipped state if None.
+        state: initial state of the flow; None means the shipped state.
         lead_in: time in t_c until control is requested.
     """
 

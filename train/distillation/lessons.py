@@ -67,7 +67,7 @@ def plan_slope(forces: Tensor, actions: Tensor, by_force: Tensor, *, differentia
 _TOGETHER = 256
 """Number of roll-outs of the teacher that are computed together."""
 _STEPS_DOWN = 16
-"""Number of gradient steps that lower a plan's cost. There is a lesson before each step."""
+"""Number of gradient steps that lower a plan's cost. A lesson is made before each step."""
 _LONGEST_STEP = 4e-3
 """Largest change of an action in a gradient step, in U_inf W. The mean is half as large, so 16 steps cover 0.032."""
 

@@ -20,7 +20,7 @@ from train.refinement.imitation import rows_as_told, watch
 RUNS: Final = 40
 RUN_PERIODS: Final = 900
 RAMP: Final = 40
-"""Periods over which the speed changes from the design speed to a run's first speed."""
+"""Number of periods over which the speed changes from the design speed to a run's first speed."""
 CHANGE: Final = 1e-3
 """Mean change of the speed in a period of a ramp, in design speeds. A vehicle's full range then takes 16 s."""
 SPEEDS_BEYOND: Final = 0.2

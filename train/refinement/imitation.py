@@ -25,7 +25,7 @@ from train.refinement.feedback import Feedback
 from train.refinement.windows import Stream, StretchReadings, closed_loop, read
 
 PERIODS_AT_ONCE: Final = 100
-"""Periods that the tape stores at once."""
+"""Number of periods that the tape stores at once."""
 SLOWEST: Final = 0.5
 """Lowest speed that a prior is told, in units of the design speed."""
 OPTIMISER_STEPS: Final = 400

@@ -63,7 +63,7 @@ def refine_model(
         config: settings of the refinement, its seed (`train.seed`), and the settings of the exported controller.
         sensors: names of the sensors, in pairs of mirror images.
         flow: function that returns the plant with these sensors, and a developed wake without jets per stream.
-        workers: function that runs an update's closed-loop intervals in parallel; None: one after the other.
+        workers: function that runs an update's closed-loop intervals in parallel; if None, they run in turn.
         resume: whether an interrupted run is continued; if False, the run starts over.
 
     Raises:

@@ -180,7 +180,7 @@ def refine(
         make: function that returns the initial feedback.
         starts: developed wakes without jets, one for each stream.
         deviations: (2 p,) standard deviations of Cp of the sensors in p pairs; they are the unit of sensor noise.
-        side_by_side: function that runs an update's stretches in parallel; None: one after the other on `flow`.
+        side_by_side: function that runs an update's stretches in parallel; if None, they run in turn on `flow`.
         seed: random seed of noise and starts. An update's draws depend only on the seed and the update's number.
     """
     feedback, mean = make(), make()

@@ -47,7 +47,7 @@ class Ranking:
 
     @property
     def std(self) -> Array:
-        """Sample standard deviation of the N sensors' scores over the repeats, (N,); zero for a single repeat."""
+        """Sample standard deviation of the N sensors' scores over the repeats, (N,); 0 if there is one repeat."""
         return self.scores.std(axis=0, ddof=1) if len(self.scores) > 1 else np.zeros(self.scores.shape[1])
 
     def top(self, count: int) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ from wake.truck.surface import MOMENTUM_FACTOR
 
 _FILES: Final = {**dict.fromkeys(FORCE_OBJECTS.values(), "force.dat"), PRESSURES: "p", PROBE_OBJECT: "U"}
 
-_SAME: Final = 1e-6  # t_c by which rounded times of one instant may differ
+_SAME: Final = 1e-6  # largest difference in t_c between rounded times of one instant
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -67,7 +67,7 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         duration: longest time that can be run after a `reset`, in t_c.
 
     Attributes:
-        wind: a function of time that returns by how much the wind exceeds U_inf; None for a steady wind. States do
+        wind: a function of time that returns by how much the wind exceeds U_inf; None if it is steady. States do
             not hold the wind.
     """
 

@@ -29,7 +29,7 @@ PROGRAM: Final = "icoFoam"
 
 _SHARE: Final = "/usr/share/openfoam"  # where the Debian package keeps its settings
 _GRACE_S: Final = 5.0
-_TAIL: Final = 6  # lines of the log in an error
+_TAIL: Final = 6  # number of the log's last lines in an error message
 _PR_SET_PDEATHSIG: Final = 1
 
 

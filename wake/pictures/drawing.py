@@ -60,7 +60,7 @@ class WakePicture:
 
     Args:
         kind: field that is drawn in colour: the vorticity, or Cp in the flow.
-        sensor_names: sensors that are coloured by their Cp, None for all; other sensors are small dots.
+        sensor_names: sensors that are coloured by their Cp; None means all. Other sensors are small dots.
         width: width of the picture in pixels.
     """
 

@@ -237,7 +237,7 @@ class EpisodeJob:
         block_steps: number of control steps between two writes to disk.
         setting: all settings that the samples depend on; see `setting_of`.
         policy: function that builds the controller; by default, only the plan's signal drives the jets.
-        start: absolute path of the flow state from which the steps without forcing start; None: the shipped state.
+        start: absolute path of the state from which the steps without forcing start; None means the shipped state.
     """
 
     parts: PartsFolder
@@ -343,8 +343,8 @@ def _advance(
     wake: TruckWake, sample: Sample, policy: Policy, memory: Array, signal: Array
 ) -> tuple[Series, Sample, Array]:
     """Return the samples of a block from `sample` on, the sample after the block, and the policy's memory at the
-    block's end. Each action is the policy's command plus the signal, clipped to the bound; the policy receives it one
-    step later."""
+    block's end. Each action is the policy's command plus the signal, clipped to the bound; the policy receives this
+    action one step later."""
     rows: list[Sample] = []
     actions = np.empty(len(signal))
     limit = wake.config.action_limit

@@ -105,7 +105,7 @@ def record(
         progress: called once for every episode at the start, and then after each block of the episode.
         notice: called with a line of text when a worker was lost or has joined.
         block_steps: number of control steps between two writes to disk.
-        start: file of the flow state in which episodes begin; the shipped state if None. Workers read this path.
+        start: file of the flow state in which episodes begin; None means the shipped state. Workers read this path.
         overwrite: whether an existing file is replaced, once the new file is complete.
 
     Raises:

@@ -112,7 +112,7 @@ def _ghosts(grid: Grid, component: Component, open_faces: Mask, touched: Mask, d
         at_wall = abs(float(distance(x[i], y[j]))) < _ON_WALL
         at_edge = i in (0, open_faces.shape[0] - 1) if component == "u" else j in (0, open_faces.shape[1] - 1)
         if at_wall or at_edge:
-            continue  # wall faces keep their normal velocity, and outer faces their inflow or outflow
+            continue  # such faces keep their normal velocity, inflow or outflow
         target.append(layout.offset(component, i, j))
         for (si, sj), w in _parabola(x, y, int(i), int(j), open_faces, distance):
             source.append(layout.offset(component, si, sj))

@@ -284,7 +284,7 @@ def _cell_size(faces: Array, at: float) -> float:
 
 def _strips(faces: Array, start: float, end: float) -> list[tuple[float, float]]:
     """Return midpoints and lengths of the grid's intervals between start and end; the first and the last interval are
-    cut to fit."""
+    cut at `start` and `end`."""
     inside = faces[(faces > start + 1e-9) & (faces < end - 1e-9)]
     edges = np.concatenate([[start], inside, [end]])
     return [(float(m), float(w)) for m, w in zip(0.5 * (edges[1:] + edges[:-1]), np.diff(edges), strict=True)]

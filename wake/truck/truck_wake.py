@@ -40,7 +40,7 @@ class TruckWake(CopiedWhole, SteppedPlant):
 
     Attributes:
         layout: the sensors, in the order of a sample's Cp.
-        wind: a function of time that returns by how much the wind exceeds U_inf; None for a steady wind. States do
+        wind: a function of time that returns by how much the wind exceeds U_inf; None if it is steady. States do
             not hold the wind.
     """
 
