@@ -50,7 +50,7 @@ class Subject:
 
 
 Periods = Annotated[int, typer.Option(help="Number of control periods with a plan to measure.", min=100, max=150_000)]
-Budget = Annotated[Path | None, typer.Option(help="File of limits; if exceeded, exit status 3.", metavar="FILE")]
+Budget = Annotated[Path | None, typer.Option(help="Limits; exit status 3 if a limit is exceeded.", metavar="FILE")]
 
 
 def latency(

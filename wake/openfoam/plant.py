@@ -1,7 +1,7 @@
 """The second plant: OpenFOAM's icoFoam solves the flow on a body-fitted mesh. The truck, the jets and the clock are the
 same as in stillwake's own solver.
 
-It has the interface of `wake.truck.truck_wake.TruckWake`, with two limits. The duration of a run is limited, because
+This plant has the interface of `wake.truck.truck_wake.TruckWake`, with two limits. A run's duration is limited, because
 icoFoam needs all times in advance. States exist only at a control period's end, where icoFoam writes its fields.
 """
 

@@ -145,7 +145,7 @@ class WakePicture:
 
 
 def vorticity_figure(wake: Drawable, highlight: tuple[str, ...] = (), title: str = "") -> Figure:
-    """Draw the present vorticity around the body. The sensors in `highlight` (empty: all) are coloured by Cp."""
+    """Draw the present vorticity around the body. Cp colours the sensors in `highlight`; if it is empty, all."""
     return WakePicture(wake, "vorticity", highlight or None).update(title)
 
 

@@ -168,7 +168,7 @@ def back_edges(u: Array, v: Array) -> None:
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _back_step(q: Array, bar: Array, step: float, a: float, runs: Index, pad_i: int, pad_j: int) -> None:
     """Compute q = a q + step bar on the open faces. The result is the sensitivities to a stage's rates: `step bar` is
-    their effect through this stage's velocity, and `a q` is their effect through the next stage's rates."""
+    the rates' effect through this stage's velocity, and `a q` is their effect through the next stage's rates."""
     step, a = q.dtype.type(step), q.dtype.type(a)
     for r in range(runs.shape[0]):
         i, j0, j1 = runs[r, 0] + pad_i, runs[r, 1] + pad_j, runs[r, 2] + pad_j

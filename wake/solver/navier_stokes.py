@@ -14,8 +14,8 @@ wind changes the inflow, and accelerates the whole flow uniformly. So the far pr
 The convective number of a cell is dt (|u| / dx + |v| / dy). The viscous number is 4 nu dt (1 / dx^2 + 1 / dy^2). The
 stability region of a three-stage Runge-Kutta scheme of order 3 ends at 1.73 on the imaginary axis, at 2.0 to 2.4 with
 the viscosity of this flow, and at 2.51 on the real axis. Runs of the uncontrolled truck are stable with a number of 2.0
-at the front corners and diverge at 2.3. Next to the jets, flow is fast in few cells and for a short time. If the jets
-reverse fully over 100 control periods, runs are stable with 4.0 next to the jets and diverge at 4.3.
+at the front corners and diverge at 2.3. Next to the jets, flow is fast in few cells and for a short time. Runs of 100
+control periods with full reversals of the jets are stable with 4.0 next to the jets and diverge at 4.3.
 """
 
 from collections.abc import Callable

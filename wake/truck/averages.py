@@ -38,7 +38,7 @@ class Average:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CycleAverage(Average):
-    """An average over whole cycles, with their `frequency` in cycles per t_c: the Strouhal number if nothing forces the
+    """An average over whole cycles. `frequency` is in cycles per t_c; it is the Strouhal number if nothing forces the
     wake."""
 
     cycles: int

@@ -60,8 +60,8 @@ def develops(reynolds: float) -> str:
 def check_origin(
     origin: Origin | None, body: BodyConfig, reynolds: float | None = None, shape: tuple[int, int] | None = None
 ) -> None:
-    """Raise PlantError if a state has not the plant's body, Reynolds number, or numbers of grid cells (`shape`). An
-    argument that is None is not compared."""
+    """Raise PlantError if a state does not have the plant's body, Reynolds number, or numbers of grid cells (`shape`).
+    An argument that is None is not compared."""
     if origin is None:
         return
     if not origin.is_of(body):
