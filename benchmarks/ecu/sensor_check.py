@@ -44,7 +44,7 @@ from stillwake.parts.releases import open_release
 LONGEST: Final = 250
 """Number of periods from a fault's start within which the fault must be found: ten shedding cycles."""
 FIRST: Final = 200
-"""Number of steps of an episode before the earliest start of a fault."""
+"""Smallest step number at which a fault starts in an episode."""
 DRIFT_PERIODS: Final = 100
 DISTURBED: Final = ("none", "noise 0.9", "lost 0.3")
 """Disturbances of the healthy sensors' readings, which are also rounded. The number after "noise" is in global

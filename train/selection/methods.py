@@ -159,10 +159,10 @@ def _sorted(wanted: Mask, by: Array) -> list[int]:
 
 
 def select_qr(rows: Rows, count: int) -> tuple[int, ...]:
-    """Return the indices of the first `count` pivots of a QR decomposition of the transposed leading POD modes, in
-    order. These sensors are chosen to reconstruct the pressure field, not the latents: each pivot is the sensor whose
-    row of the modes is longest after the components along the earlier pivots are removed (Manohar, Brunton, Kutz and
-    Brunton, "Data-driven sparse sensor placement for reconstruction", IEEE Control Systems Magazine 38, 2018)."""
+    """Compute a QR decomposition of the transposed leading POD modes; return its first `count` pivots, in order. These
+    sensors are chosen to reconstruct the pressure field, not the latents: each pivot is the sensor whose row of the
+    modes is longest after the components along the earlier pivots are removed (Manohar, Brunton, Kutz and Brunton,
+    "Data-driven sparse sensor placement for reconstruction", IEEE Control Systems Magazine 38, 2018)."""
     pressure = rows.inputs[:, : rows.sensors].cpu().numpy().astype(np.float64)
     pressure -= pressure.mean(axis=0)
     _, vectors = np.linalg.eigh(pressure.T @ pressure)

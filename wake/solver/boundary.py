@@ -6,7 +6,7 @@ exact wall and passes through two image points in the flow, where the velocity i
 faces. On a wall along the grid lines, a reflection in one point replaces the parabola.
 
 In the mass balance a ghost carries no flow, so the mass balance sees a staircase wall. The method is still of second
-order, because the volume flow within one cell of a no-slip wall is of the order of the distance squared.
+order, because the volume flow within one cell of a no-slip wall is proportional to the distance squared.
 """
 
 from collections.abc import Callable

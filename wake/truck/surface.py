@@ -126,9 +126,9 @@ force."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measured:
-    """The functionals of a flow at one instant: Cp at the sensors, the force (pressure and viscous) on the wall without
-    the slot faces, the force on these faces, the mean Cp over each slot, weighted by the jet profile, and the
-    transverse velocity at the wake probe."""
+    """The functionals of a flow at one instant: Cp at the sensors; the force (pressure and viscous) on the wall without
+    the slot faces, and on these faces; the mean Cp over each slot, weighted by the jet profile; and the transverse
+    velocity at the wake probe."""
 
     Cp: Array
     Cd: float

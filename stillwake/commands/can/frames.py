@@ -149,11 +149,11 @@ def decode(
     """Print the frames of a recorded log as signals with units, and the results of the frames' end-to-end checks.
 
     The command prints a line for each frame. Then it prints a table of the messages with counts, rates, losses and
-    check results, the bus load (computed from the bit rates in the settings), and the number of lines that are not
-    frames. Each counter is compared with the counter of the message's previous frame on the same channel. With --set
-    bus.key=FILE the MAC and freshness of secured messages are checked before the end-to-end check. Diagnostic frames
-    are recognised by the identifiers in the settings. All other messages are shown as bytes; use `cantools decode` for
-    these messages.
+    check results. It also prints the bus load, computed from the bit rates in the settings, and the number of lines
+    that are not frames. Each counter is compared with the counter of the message's previous frame on the same channel.
+    With --set bus.key=FILE the MAC and freshness of secured messages are checked before the end-to-end check.
+    Diagnostic frames are recognised by the identifiers in the settings. All other messages are shown as bytes; use
+    `cantools decode` for these messages.
     """
     from can_bridge.logs.log_reader import CanLog
     from can_bridge.tools.traffic import Summary

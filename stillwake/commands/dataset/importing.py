@@ -79,12 +79,12 @@ def import_(
     file have a unit, state which number in the file means 1: --reference Cp=240Pa (rho U_inf^2 / 2), t=5ms, Cd=40N, or
     Cd=-1 for the opposite sign.
 
-    A log of the CAN bus (.log, .asc, .blf, .trc, .mf4, .mcap, python-can's .csv and .db, also packed as .gz) has
-    commands and the pressures of the four sensors in --layout, in the order of the message; its drag and lift come from
-    --forces. Cp is computed with the vehicle's speed in the log. operating_point gives the body's width, and the speed
-    if the log has no speed. --forces LOG=FILE is for one log. --forces-clock states the unit and the start of the times
-    in the files of forces: s on the log's clock (log), s since the log's first pressure (start), or t_c since that
-    pressure (t_c). A file whose time column is named 't [t_c]' needs no --forces-clock.
+    A log of the CAN bus has commands and the pressures of the four sensors in --layout, in the order of the message;
+    its drag and lift come from --forces. Logs are .log, .asc, .blf, .trc, .mf4, .mcap, python-can's .csv and .db, also
+    packed as .gz. Cp is computed with the vehicle's speed in the log. operating_point gives the body's width, and the
+    speed if the log has no speed. --forces LOG=FILE is for one log. --forces-clock states the unit and the start of the
+    times in the files of forces: s on the log's clock (log), s since the log's first pressure (start), or t_c since
+    that pressure (t_c). A file whose time column is named 't [t_c]' needs no --forces-clock.
 
     Nothing is written unless every file is valid. docs/how-to/use-your-own-data.md and
     docs/how-to/train-from-a-can-log.md have examples.
