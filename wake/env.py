@@ -142,8 +142,8 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return self._observe(sample), -sample.Cd, False, truncated, self._info(sample, clipped)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Draw the vorticity, an arrow for each jet, and the observed sensors, coloured by Cp. Returns an RGB image
-        (341, 1100, 3), or None without a render mode. Raises gymnasium.error.ResetNeeded before the first reset."""
+        """Draw the vorticity, the jets' arrows, and the observed sensors, coloured by Cp. Returns RGB (341, 1100, 3),
+        or None if there is no render mode. Raises gymnasium.error.ResetNeeded before the first reset."""
         if self.render_mode is None:
             return None
         if self._step_count is None:
@@ -158,7 +158,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         self._phases = other._phases
 
     def __getstate__(self) -> dict[str, Any]:
-        # A picture draws one plant, so a copy builds a new picture, of its own plant, when it first renders.
+        # A picture draws one plant, so a copy builds a picture of its own plant when the copy first renders.
         return self.__dict__ | {"_picture": None}
 
     def _start(self, options: Mapping[str, Any]) -> State:

@@ -108,7 +108,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
 
 
 class _Ahead(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """An environment whose `step` returns the result of another thread, if such a thread has computed this step."""
+    """An environment whose `step` returns a result that another thread has computed for this step, if there is one."""
 
     def __init__(self, env: TruckWakeEnv) -> None:
         super().__init__(env)

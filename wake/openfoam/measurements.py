@@ -34,8 +34,8 @@ class Readings:
     """The measurements at one time, read from one line of each function object's file.
 
     Attributes:
-        forces: kinematic forces, (3, 3, 3): for truck, upper slot and lower slot, the vectors of total, pressure and
-            viscous force.
+        forces: kinematic force vectors, (3, 3, 3). The first axis is truck, upper slot, lower slot; the second is
+            total, pressure and viscous force.
         pressures: kinematic pressures at the probed cells.
         wake: velocity at the wake probe, (3,).
     """

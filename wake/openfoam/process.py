@@ -27,7 +27,7 @@ from wake.openfoam.mesh import Mesh
 LOG: Final = "log.icoFoam"
 PROGRAM: Final = "icoFoam"
 
-_SHARE: Final = "/usr/share/openfoam"  # where the Debian package keeps its settings
+_SHARE: Final = "/usr/share/openfoam"  # folder of the settings of the Debian package
 _GRACE_S: Final = 5.0
 _TAIL: Final = 6  # number of the log's last lines in an error message
 _PR_SET_PDEATHSIG: Final = 1

@@ -145,7 +145,7 @@ class WakePicture:
 
 
 def vorticity_figure(wake: Drawable, highlight: tuple[str, ...] = (), title: str = "") -> Figure:
-    """Draw the present vorticity around the body. Cp colours the sensors in `highlight`; if it is empty, all."""
+    """Draw the present vorticity. The sensors in `highlight` show Cp; if `highlight` is empty, all sensors show Cp."""
     return WakePicture(wake, "vorticity", highlight or None).update(title)
 
 
@@ -194,7 +194,8 @@ def check_suffix(path: Path) -> None:
 
 
 def save_figure(path: Path, figure: Figure) -> None:
-    """Write the figure in the format of the name's ending, completely or not at all. Raises as `check_suffix` does."""
+    """Write the figure, completely or not at all; the name's ending states the format. Raises as `check_suffix`
+    does."""
     check_suffix(path)
     with replacing(path) as temporary:
         figure.savefig(temporary, format=path.suffix[1:].lower())

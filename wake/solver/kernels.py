@@ -62,7 +62,7 @@ class Domain(NamedTuple):
 def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """Compute q = a q + du/dt on the open u-faces, including the gradient of the pressure p.
 
-    Rows are sliced to start at the run, and the x- and y-terms have separate loops. The reason: the compiler does not
+    Rows are sliced to start at the run, and the x- and y-terms have separate loops, because the compiler does not
     vectorise a loop whose indices could be negative, or that has too many arrays to prove that they are distinct.
     """
     real = u.dtype.type

@@ -112,7 +112,7 @@ class SlotFaces:
         bar.faces_u[self._rear + 1] += 2.0 * Cp * between + shear
 
     def _faces(self, flow: Flow) -> tuple[Array, Array, Array]:
-        """Return u on the base's faces, on the next faces downstream, and the mean of the two."""
+        """Return u on the base's faces, u on the next faces downstream, and the mean of these values."""
         face, ahead = flow.faces_u[self._rear], flow.faces_u[self._rear + 1]
         return face, ahead, 0.5 * (face + ahead)
 
