@@ -132,8 +132,8 @@ class EpisodePlan:
 def paper_plans(seed: int = 1) -> tuple[EpisodePlan, ...]:
     """Return the plans of the paper's data set (section 2.1, appendix A): 50,000 forced and 2,500 unforced training
     steps, 10,000 steps of the chirp, and 10,000 of the extended chirp. The training steps are split into independent
-    episodes with seeds `seed`, `seed` + 1, ... The episodes start at phases that are spread evenly over a shedding
-    cycle, so that they differ in more than the forcing. A chirp cannot be split, because its sweep rate depends on its
+    episodes with seeds `seed`, `seed` + 1, ... The episodes start at phases spread evenly over a shedding cycle, so
+    that they differ in more than the forcing. A chirp cannot be split, because its sweep rate depends on its
     duration."""
     count = _PAPER_TRAINING_EPISODES
     training = (
