@@ -43,11 +43,11 @@ MEASUREMENTS: Final = {
         "release.release_figures", "the paper's figures of control: forecasts, distributions, mean fields", "a minute"
     ),
     "attack-tools": Measurement("bus.attack_tools", "what scapy's scanners find in an ECU with slots", "minutes"),
-    "sensor-check": Measurement("ecu.sensor_check", "the ECU's sensor check: false alarms, what it finds", "minutes"),
+    "sensor-check": Measurement("ecu.sensor_check", "the ECU's sensor check: false alarms and found faults", "minutes"),
     "release-loop": Measurement(
         "release.release_loop", "the shipped release from five phases of the shedding cycle", "minutes"
     ),
-    "drive": Measurement("release.drive", "the release at other speeds: steady, drives, a speed that lies", "hours"),
+    "drive": Measurement("release.drive", "the release at other speeds: steady, drives, a wrong speed", "hours"),
     "ecu-loop": Measurement("ecu.ecu_loop", "the wake driven by each ECU: Python, C, an emulated Cortex-M7", "minutes"),
 }
 PAGES: Final = {

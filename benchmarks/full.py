@@ -4,8 +4,7 @@ tests.
     python -m benchmarks full [--resume] [--only NAME] [--list]
 
 A file made by a command gets a stamp: the release and the C sources on which its figures depend, the version, and the
-duration. With the stamps, a test finds files of an earlier release, and `--resume` finds the files that are still to be
-made.
+duration. From the stamps, a test finds files of an earlier release, and `--resume` finds missing and outdated files.
 """
 
 import hashlib
@@ -43,7 +42,7 @@ RESULTS: Final = ROOT / "results"
 PLAN: Final = Path(__file__).with_suffix(".toml")
 RELEASE: Final = "release"
 _OF_ECU: Final = {"ecu": "", "secoc": "secoc", "store": "store", "loader": "loader", "board": "board"}
-"""Folders below `ecu/c`, by their names in `full.toml`. Other names there are folders of the control step's C code."""
+"""Folders below `ecu/c`, by their names in `full.toml`. Other names in `full.toml` are folders of the control step."""
 _COMMENT: Final = re.compile(rb"/\*.*?\*/", re.DOTALL)
 
 
@@ -76,7 +75,7 @@ class Figures:
 
 
 def plan(path: Path = PLAN) -> tuple[list[Figures], dict[str, str]]:
-    """Return the files to make, in order, and the results files of finished studies with their descriptions."""
+    """Return the files to make, in order, and a description of each results file of finished studies."""
     tree = tomllib.loads(path.read_text(encoding="utf-8"))
     history = tree.pop("history")
     return [Figures(name=name, **fields) for name, fields in tree.items()], history
@@ -113,7 +112,7 @@ def main(
     figures, _ = plan()
     chosen = [one for one in figures if not only or any(fnmatch(one.name, pattern) for pattern in only)]
     if not chosen:
-        raise StillwakeError(f"--only {only[0]}: no such file; one of {', '.join(one.name for one in figures)}")
+        raise StillwakeError(f"--only {only[0]}: no such file; must be one of {', '.join(one.name for one in figures)}")
     if show:
         _list(chosen)
         return

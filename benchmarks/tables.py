@@ -20,8 +20,8 @@ from contract.atomic import replacing
 
 class PageTable(NamedTuple):
     """A table of the pages: the function that returns it, and the names of the results files that this function takes.
-    The last field names the file with most of the rows; its date, version and release are stated below the table. The
-    field is empty if the table itself states them."""
+    The last field names the file whose date, version and release are stated below the table, usually the file with most
+    rows. The field is empty if the table itself states them."""
 
     made: Callable[..., str]
     files: tuple[str, ...]

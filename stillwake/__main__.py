@@ -1,7 +1,7 @@
 """The program `stillwake`, which registers every command under its name.
 
 Each command imports other packages only when it needs them. So an ECU on a vehicle's computer needs neither torch nor
-the compiler of the flow solver. A command that lacks an extra prints an error message of one line.
+the compiler of the flow solver. A command whose extra is not installed prints an error of one line.
 """
 
 from stillwake.console.start import check_memory  # refuses to continue if a file hides a package of the project

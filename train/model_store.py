@@ -28,11 +28,11 @@ class TrainedModel:
     Attributes:
         teacher: encoder on all sensors, dynamics and decoder.
         slim: encoder on `sensors`, in their order.
-        predictor: narrower dynamics and decoder for the vehicle; None if it uses the teacher's networks.
+        predictor: narrower dynamics and decoder for the vehicle; None if the vehicle uses the teacher's networks.
         scaling: scaling of all pressures, the action and the forces.
         dataset_sha256, versions: SHA-256 and versions as in `contract.model.model_folder.Description`.
         layout: layout of all sensors, in the order of the scaling and of the teacher's inputs.
-        prior: tensors of the plan's prior by name (`train.refinement`); None before the refinement.
+        prior: tensors of the plan's prior by name (`train.refinement`); None if the model is not refined.
     """
 
     config: Config
@@ -102,7 +102,7 @@ def load(path: Path) -> TrainedModel:
 
 
 def _parts(teacher: WakeModel, slim: Encoder, predictor: Predictor | None) -> Mapping[str, nn.Module]:
-    """Return every network by the prefix under which its weights are stored."""
+    """Return each network by the prefix of its weights' names in the file."""
     parts: dict[str, nn.Module] = dict(teacher.named_children())
     parts["slim"] = slim
     if predictor is not None:

@@ -48,15 +48,15 @@ def train_all(
     """Train on a recording's "train" episodes, and on their mirror images if the sensors have mirror images. Test on
     the "test" episodes. Store the model at `output`, and return the model, on the CPU.
 
-    The state is stored in `<output>.checkpoints` during the run. An existing model at `output` is replaced when the new
-    model is complete.
+    The run's state is stored in `<output>.checkpoints`. An existing model at `output` is replaced when the new model is
+    complete.
 
     Args:
         device: "cpu" or "cuda".
         resume: whether an interrupted run with equal settings and recording is continued; if False, the run starts
             over.
         chosen: names of the slim encoder's sensors; None uses the method `config.train.selection`.
-        threads: number of torch's threads, stated in the model's `versions`; the caller's number is restored.
+        threads: number of torch's threads, stated in the model's `versions`; the previous number is restored.
         notice: called with a line for every training episode that is too short, and if the number of threads has
             changed.
 
@@ -151,7 +151,7 @@ def _check_selection(config: Config, layout: SensorLayout, chosen: Sequence[str]
 def _choice(
     encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress
 ) -> tuple[tuple[str, ...], SensorChoice]:
-    """Return the chosen sensors, and how they were chosen."""
+    """Return the names of the chosen sensors, and a description of the choice."""
     settings = config.train
     if settings.selection == "shap":
         ranking = _ranking(encoder, rows, config, checkpoints, progress)

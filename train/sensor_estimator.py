@@ -31,9 +31,9 @@ a uniform draw, so low noise is frequent."""
 HELD: Final = 0.4
 """Largest fraction of rows that repeat the row before them."""
 GUST: Final = 0.15
-"""Largest relative difference between air speed and the speed that scales the pressures, set in half of the windows.
-Without this difference in training, a gust of 10 % leaves mean residuals of 0.07 in Cp, four standard deviations of
-healthy sensors. With it, the gust leaves 0.009 (held-out episodes of the shipped recording, pressures times 1.21)."""
+"""Largest relative difference between the air speed and the speed that scales the pressures. Half of the windows have a
+difference. If the training has none, a gust of 10 % leaves mean residuals of 0.07 in Cp, four standard deviations of
+healthy sensors; otherwise it leaves 0.009 (held-out episodes of the shipped recording, pressures times 1.21)."""
 WEIGHT_DECAY: Final = 1e-3
 SEED: Final = 0
 """Random seed of initial weights, draws and noise; its value is arbitrary."""
@@ -58,7 +58,7 @@ def fit_estimator(
     if not used:
         raise DatasetError(f"no training episode is longer than the window of {window} control steps")
     learned = [item.rows(columns) for item in used]
-    # The rows are checked before the mirror images are added, because a dead sensor's mirror image would hide it.
+    # The check comes before the mirror images, which give a dead sensor's column another sensor's values.
     for name, spread in zip((*sensors, "the action"), np.ptp(np.concatenate(learned), axis=0), strict=True):
         if spread == 0.0:
             raise DatasetError(f"{name} is constant in all training episodes: nothing to learn from")
@@ -87,7 +87,7 @@ def _fit(
     starts = torch.tensor(
         np.concatenate([b + np.arange(len(item) - window + 1) for b, item in zip(begins, learned, strict=True)])
     )
-    # The network needs no training for exchanged sensors: once the exchange is undone, the windows are ordinary.
+    # Training needs no exchanged sensors: the check undoes an exchange first, so the network gets ordinary windows.
     hidden = torch.zeros(sensors + sensors * (sensors - 1) // 2, sensors)
     for flags, view in zip(hidden, views(sensors), strict=False):
         flags[list(view.left_out)] = 1.0
@@ -140,7 +140,7 @@ def _disturbed(seen: Tensor, unit: Tensor, generator: torch.Generator) -> Tensor
     readings = seen[:, :, :-1] + level * unit * torch.randn(batch, length, columns - 1, generator=generator)
     share = HELD * torch.rand(batch, 1, generator=generator) * torch.randint(2, (batch, 1), generator=generator)
     held = torch.rand(batch, length, generator=generator) < share
-    held[:, 0] = held[:, -1] = False  # never repeated: the ECU judges no period without readings
+    held[:, 0] = held[:, -1] = False  # the ECU judges no period without readings
     source = torch.where(held, 0, torch.arange(length)).cummax(dim=1).values
     readings = torch.gather(readings, 1, source[:, :, None].expand(-1, -1, columns - 1))
     return torch.cat([readings, seen[:, :, -1:]], dim=2)

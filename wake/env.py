@@ -30,28 +30,28 @@ _SILENCE_S: Final = 3.0
 class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     """A Gymnasium environment of the wake. One step is one control period of 0.2 t_c.
 
-    Observation: Cp at the named sensors, in the order of the names, float32. Action: jet flow rate in U_inf W, shape
-    (1,), within +-0.075. Reward: -Cd of the wall. An episode never terminates; it is truncated at step `episode_steps`
-    and at every later step.
+    The observation is Cp at the named sensors, in the order of the names (float32). The action is the jet flow rate in
+    U_inf W, shape (1,), within +-0.075. The reward is -Cd of the wall. An episode never terminates; it is truncated at
+    step `episode_steps` and every later step.
 
-    At every step `info` holds the drag ledger, with the names and units of `wake.plant.sample.Sample`. Its `clipped`
-    states whether this step's action was clipped; `clipped_count` counts the episode's clipped actions.
+    At every step `info` holds the drag ledger, with the names and units of `wake.plant.sample.Sample`. `info` also has
+    `clipped`, whether this step's action was clipped, and `clipped_count`, the episode's number of clipped actions.
 
-    `reset` starts at a random phase of the shedding cycle: between 0 and `max_phase_steps` uncontrolled control periods
-    after the start state. Equal seeds and actions give trajectories that are equal bit for bit, with any number of
-    threads. Computed phases are stored, so only the first resets take long. `reset` accepts one of these options:
+    `reset` starts at a random phase of the shedding cycle: between 0 and `max_phase_steps` control periods without
+    control after the start state. Equal seeds and actions give trajectories that are equal bit for bit, with any number
+    of threads. Computed phases are stored, so only the first resets take long. `reset` accepts one of these options:
 
     - `phase_steps`: the phase in control periods, in place of a random phase;
     - `start`: a `wake.truck.state.State` to start from, at a control period's start.
 
-    A copy or a pickle can be taken at any time. It is an independent environment that continues bit for bit like the
-    original: flow, actions, episode, and random generators. `copy.copy` and `copy.deepcopy` have equal results.
+    A copy or a pickle can be taken at any time. It is an independent environment. Its flow, actions, episode and random
+    generators continue bit for bit as in the original. `copy.copy` and `copy.deepcopy` have equal results.
 
     Args:
         sensor_names: the observed sensors; by default all sensors, 90 for the truck.
         episode_steps: number of control steps until truncation.
         max_phase_steps: largest random phase; 25 control periods are about one shedding cycle. Each phase takes 1.8 MB.
-        start: flow state at phase 0, for other flow settings or another body; None for the shipped developed state.
+        start: flow state at phase 0, which other flow settings or another body need; None means the shipped state.
         render_mode: None, or "rgb_array" for pictures of the vorticity, the jets and the observed sensors.
         body: the truck by default; another body needs `start`.
 
@@ -59,10 +59,10 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         plant: the wake itself; `wake.truck.tape.Tape(env.unwrapped.plant)` differentiates it.
 
     Raises:
-        ConfigError: for a sensor that does not exist or is named twice, one string for all names, or a setting out of
-            its range.
-        PlantError: for a start state that is of another plant or lies within a control period, or for an unstable time
-            step.
+        ConfigError: if a sensor does not exist or is named twice, `sensor_names` is a single string, or a setting is
+            out of its range.
+        PlantError: if the start state belongs to another plant or lies within a control period, or if the time step is
+            too large.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  (Gymnasium's own convention)
@@ -106,8 +106,8 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode. Raises ConfigError for an option that does not exist or is out of its range; PlantError for
-        a start state that is of another plant or lies within a control period."""
+        """Start an episode. Raises ConfigError if an option does not exist or is out of its range; PlantError if the
+        start state belongs to another plant or lies within a control period."""
         super().reset(seed=seed)
         # On the first use after an installation, this reset compiles the solver; the notice explains the long wait.
         notice = Timer(_SILENCE_S, print, ["compiling the flow solver, once: up to a minute"], {"file": sys.stderr})
@@ -122,8 +122,8 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return self._observe(sample), info
 
     def step(self, action: npt.NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Ramp the jets to `action` over one control period. Raises PlantError for an action that is not one finite
-        value; gymnasium.error.ResetNeeded before the first reset."""
+        """Ramp the jets to `action` over one control period. Raises PlantError if the action is not one finite value;
+        gymnasium.error.ResetNeeded before the first reset."""
         if self._step_count is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
         values = np.asarray(action, dtype=np.float64)
@@ -142,8 +142,8 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return self._observe(sample), -sample.Cd, False, truncated, self._info(sample, clipped)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Draw vorticity, jets as arrows, and the observed sensors coloured by Cp. Returns an RGB image (341, 1100, 3),
-        or None without a render mode. Raises gymnasium.error.ResetNeeded before the first reset."""
+        """Draw the vorticity, the jets' arrows, and the observed sensors, coloured by Cp. Returns RGB (341, 1100, 3),
+        or None if there is no render mode. Raises gymnasium.error.ResetNeeded before the first reset."""
         if self.render_mode is None:
             return None
         if self._step_count is None:
@@ -153,12 +153,12 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return self._picture.pixels()
 
     def share_phases(self, other: "TruckWakeEnv") -> None:
-        """Share the store of computed phases with another environment, which must have equal settings and the same
-        start state. Only one of the two may be reset at a time."""
+        """Share the store of computed phases with another environment. Both must have equal settings and the same start
+        state. Only one of the two may be reset at a time."""
         self._phases = other._phases
 
     def __getstate__(self) -> dict[str, Any]:
-        # A picture draws one plant, so a copy builds a new picture, of its own plant, when it first renders.
+        # A picture draws one plant, so a copy builds a picture of its own plant when the copy first renders.
         return self.__dict__ | {"_picture": None}
 
     def _start(self, options: Mapping[str, Any]) -> State:
@@ -184,7 +184,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return start
 
     def _phase(self, steps: int) -> State:
-        """Return the flow `steps` uncontrolled control periods after the start state."""
+        """Return the flow after `steps` control periods without control, counted from the start state."""
         if steps >= len(self._phases):
             self.plant.reset(self._phases[-1])
         while steps >= len(self._phases):

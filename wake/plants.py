@@ -27,16 +27,16 @@ def open_plant(
     *,
     start: Path | None = None,
 ) -> Iterator[LivePlant]:
-    """Open a developed wake at t = 0; OpenFOAM ends with the `with` block. Raises PlantError if the start does not
-    match the settings, or if OpenFOAM is requested for a body other than the truck, is not installed, or fails.
+    """Open a developed wake at t = 0; OpenFOAM stops when the `with` block ends. Raises PlantError if the start does
+    not match the settings, or OpenFOAM is requested for a body other than the truck, is not installed, or fails.
 
     Args:
         name: "wake" for stillwake's solver, or "openfoam".
         output: run folder, in which OpenFOAM's case runs and OpenFOAM's developed start is stored.
         duration: duration of the run in t_c; OpenFOAM needs it in advance.
         progress: called with (time, total) while a start state develops in OpenFOAM or settles on another grid.
-        start: file of the state in which stillwake's solver starts, with its clock at zero and shut jets. The default
-            is the shipped start, interpolated to the grid of `flow.refinement`.
+        start: file of the state from which stillwake's solver starts; the clock is set to zero and the jets are shut.
+            The default is the shipped start, interpolated to the grid of `flow.refinement`.
     """
     if name == "wake":
         yield own_wake(config, progress, start=start)
@@ -62,7 +62,7 @@ def open_plant(
 def own_wake(
     config: Config, progress: Callable[[float, float], None] = lambda t, total: None, *, start: Path | None = None
 ) -> TruckWake:
-    """Return the developed wake of stillwake's solver at t = 0. Arguments and errors are those of `open_plant`."""
+    """Return the developed wake of stillwake's solver at t = 0. Arguments and errors are as for `open_plant`."""
     state = _start(start, config)
     wake = TruckWake(config.flow, body=config.body)
     if start is None and state.origin is not None and state.origin.shape != wake.grid.shape:
@@ -73,15 +73,15 @@ def own_wake(
 
 
 def _start(path: Path | None, config: Config) -> State:
-    """Return the start state with its clock at zero and its jets shut. Raises PlantError if its body or Reynolds number
-    differs from the settings."""
+    """Return the start state with its clock at zero and its jets shut. Raises PlantError if the settings have another
+    body or Reynolds number."""
     state = developed_state() if path is None else load_state(path)
     check_origin(state.origin, config.body)
     reynolds = config.flow.reynolds
     if state.origin is not None and state.origin.reynolds != reynolds:
         name = "the shipped start" if path is None else f"state {path}"
         raise PlantError(
-            f"flow.reynolds = {reynolds:g}: {name} is of {state.origin.reynolds:g}; `{develops(reynolds)}` makes a "
+            f"flow.reynolds = {reynolds:g}: {name} is for {state.origin.reynolds:g}; `{develops(reynolds)}` makes a "
             f"state, to be given with `--state {start_name(reynolds)} --set flow.reynolds={reynolds:g}`"
         )
     return replace(state, substep=0, action=0.0)

@@ -17,10 +17,10 @@ _SAME_PERIOD: Final = 1e-6
 
 
 class RecordedWake:
-    """A `wake.plant.protocol.LoopPlant` that does not respond to the jets. After the episode's last row, the first row
-    follows again, but the time goes on; `rounds` is the number of completed passes. A force that was not recorded is
-    NaN. A sample has the action of the present run, not the recorded action. Raises PlantError if the episode's control
-    period is not that of `flow`."""
+    """A `wake.plant.protocol.LoopPlant` that does not respond to the jets. After the episode's last row, the episode is
+    repeated from its first row while the time goes on; `rounds` is the number of completed passes. A force that was not
+    recorded is NaN. A sample has the action of the present run, not the recorded action. Raises PlantError if the
+    episode and `flow` have different control periods."""
 
     answers_jets: Final = False
 

@@ -27,10 +27,10 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
     """A set of N independent `wake.env.TruckWakeEnv`. Their flows advance at the same time on the machine's cores.
 
     Each environment has bit for bit the observations, rewards, `info` and episodes of a single environment with equal
-    seed and actions. From one seed, `reset` gives the environments seed, seed + 1 and so on; it also takes a list with
-    a seed or None for each environment. The options of `TruckWakeEnv.reset` apply to all environments; `reset_mask`, a
-    Boolean array, selects the environments to reset. A copy or a pickle, taken between two steps, is an independent
-    environment that continues bit for bit. `wake.vector_env.BatchTape(env)` differentiates the batch.
+    seed and actions. With one seed, `reset` gives the environments seed, seed + 1 and so on; `reset` also takes a list
+    with a seed or None for each environment. The options of `TruckWakeEnv.reset` apply to all environments;
+    `reset_mask`, a Boolean array, selects the environments to reset. A copy or a pickle, taken between two steps, is an
+    independent environment that continues bit for bit. `wake.vector_env.BatchTape(env)` differentiates the batch.
 
     Args:
         num_envs: number of wakes.
@@ -99,7 +99,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
         return self.__dict__ | {"_pool": None}
 
     def _begun(self, work: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[Future[T]]:
-        """Start the calls, and return their futures when all have ended. So no flow runs when an error is raised."""
+        """Start the calls; return their futures when all have ended, so that no error is raised while a flow runs."""
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="wake")
         begun = [self._pool.submit(work, *each) for each in arguments]
@@ -108,7 +108,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
 
 
 class _Ahead(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """An environment whose `step` returns the result of another thread, if such a thread has computed this step."""
+    """An environment whose `step` returns a result that another thread has computed for this step, if there is one."""
 
     def __init__(self, env: TruckWakeEnv) -> None:
         super().__init__(env)

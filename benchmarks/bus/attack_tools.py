@@ -32,11 +32,11 @@ ISOTP_IDS: Final = range(0x7D8, 0x7F0)
 scanner."""
 DIDS: Final = (*range(0xF100, 0xF200), *range(0xFD00, 0xFD40))
 ABSENT: Final = (0x11, 0x7F)
-"""Negative response codes (UDS) for a service that is missing in the ECU, or only in the present session."""
+"""Negative response codes (UDS) for a service that the ECU lacks, or that is missing in the present session only."""
 
 
 def main(json_file: JsonFile = None) -> None:
-    """Run the scans and print the results; fail if the scanners found more than the diagnosis page states."""
+    """Run the scans and print the results; fail if the scanners find more than the diagnosis page states."""
     with tempfile.TemporaryDirectory(prefix="stillwake-") as folder, _ecu(Path(folder)):
         figures = _scan()
     report(json_file, figures, {"versions": versions("stillwake", "scapy", "python-can")}, tables.attack_tools)
@@ -49,7 +49,7 @@ def main(json_file: JsonFile = None) -> None:
 
 @contextmanager
 def _ecu(place: Path) -> Iterator[None]:
-    """Provision the ECU and run it until the block ends; fail if the ECU ended by itself during the scans."""
+    """Provision the ECU and run it until the block ends; raise StillwakeError if the ECU ends earlier."""
     root, keys, slots, access = (str(place / name) for name in ("root", "keys.list", "slots", "access.key"))
     trusted = ROOT / "contract" / "release" / "release.pub"
     stillwake("keygen", root)

@@ -17,7 +17,7 @@ HEADLINES: Final = {
     "gate_mutants": "faults planted in the command gate",
     "gate_mutants_survived": "planted faults that no test finds",
 }
-"""Label of each headline figure. The figures are in `results/bus.json` or, from finished studies, in
+"""Labels of the headline figures. The figures are in `results/bus.json`; figures of finished studies are in
 `results/bus_studies.json`."""
 RUNS: Final = {
     "CAN FD": "demo",

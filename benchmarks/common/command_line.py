@@ -41,7 +41,7 @@ save: Final = save_json
 
 
 def report(json_file: Path | None, figures: Any, facts: Mapping[str, Any], *tables: Callable[[Any], str]) -> None:
-    """Write the figures to the file and print the given tables of the documents, filled with these figures."""
+    """Write the figures to the file, unless it is None, and print the documents' tables with these figures."""
     found = {"date": date.today().isoformat(), "figures": figures, "facts": facts}
     for made in tables:
         console.print(made(found), markup=False, highlight=False, soft_wrap=True)
@@ -91,7 +91,7 @@ def kept_runs(
     """Return the results of all runs, in order. `arguments` maps the results file of each run to the arguments of
     `run`. Missing results are computed in `workers` processes."""
     missing = [path for path in arguments if not path.is_file()]
-    # A process takes seconds to start, so none is started if the results of all runs are stored.
+    # A process takes seconds to start, so no process is started if all results are stored.
     if missing:
         with process_pool(min(workers, len(missing))) as pool:
             given = (arguments[path] for path in missing)

@@ -1,5 +1,5 @@
-"""The documents' tables in Markdown, made from the files in `results/`, and their pictures: the folder, the function
-that writes them, and the text that states a picture's results file.
+"""The documents' tables in Markdown, made from the files in `results/`, and the documents' pictures: their folder, the
+function that writes them, and the text that states a picture's results file.
 """
 
 import hashlib
@@ -64,7 +64,7 @@ def fill(text: str, tables: Mapping[str, str]) -> str:
     this name. Raises ValueError if `tables` lacks a name of the page, or if an end is missing."""
     for name in names(text):
         if name not in tables:
-            raise ValueError(f"no table {name!r}: one of {', '.join(sorted(tables))}")
+            raise ValueError(f"no table {name!r}: must be one of {', '.join(sorted(tables))}")
         start = f"<!-- table {name} -->\n"
         head, _, rest = text.partition(start)
         if END not in rest:

@@ -139,8 +139,8 @@ def deepest(calls: Calls, start: str, runtime: int) -> tuple[int, list[str]]:
 
 
 def stack_of(built: Built) -> tuple[int, list[str]]:
-    """Return the largest stack of a firmware, in bytes, with an exception at the worst place, and the chain of calls
-    that leads to this place."""
+    """Return the largest stack of a firmware in bytes, if an exception occurs at the worst place, and the chain of
+    calls that leads to this place."""
     runtime = _stack_of_runtime(built)
     named = {name.split(" ")[0]: name for name in built.calls.stack}
     depth, chain = deepest(built.calls, named[_START], runtime)
@@ -167,8 +167,8 @@ def _line(loop: Loop, known: Mapping[str, Any]) -> str | None:
 
 def _stack_of_runtime(built: Built) -> int:
     """Return the largest stack, in bytes, among the compiler's runtime functions that are called. GCC reports no stack
-    for these functions, so their instructions are analysed. Each function counts with this largest stack, because a
-    function may jump into another function."""
+    for these functions, so their instructions are analysed. This largest stack is used for each of these functions,
+    because a function may jump into another."""
     called = {name for names in built.calls.calls.values() for name in names} - built.calls.stack.keys()
     elf: Any = ELFFile(io.BytesIO(built.image))
     text, table = elf.get_section_by_name(".text"), next(iter(elf.iter_sections("SHT_SYMTAB")))

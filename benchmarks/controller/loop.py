@@ -2,11 +2,11 @@
 
     python -m benchmarks controller-loop [--model DIR] [--dataset H5] [--json FILE]
 
-The benchmark exports the model in float32 and in int8, each as bundle and C library, and runs the closed loop with all
-four, as `stillwake run` does. Exports and runs are stored in `runs/controller_loop`, in a folder named after the
-model's hash, so that an interrupted measurement can continue. The steps' wall-clock times are from one run each. Close
-all other programs before you quote these times, or use the times of `python -m benchmarks controller`, which measures
-all implementations in turn.
+The benchmark exports the model in float32 and in int8, each as bundle and C library, and runs the closed loop with each
+of these four controllers, as `stillwake run` does. Exports and runs are stored in `runs/controller_loop`, in a folder
+named after the model's hash, so that an interrupted measurement can continue. The steps' wall-clock times are from one
+run each. Close all other programs before you quote these times, or use the times of `python -m benchmarks controller`,
+which measures all implementations in turn.
 """
 
 from pathlib import Path

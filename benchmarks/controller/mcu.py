@@ -122,7 +122,7 @@ def instruction_spread(sources: Mapping[str, bytes], windows: Iterable[Array]) -
 
 
 def _windows(count: int) -> list[Array]:
-    """Return `count` windows: half of them evenly spaced over all episodes of the recording, the others random."""
+    """Return `count` windows. Half of them are evenly spaced over the recording's episodes; the others are random."""
     program = program_of(model_folder.read(MODEL), load_config().mpc)
     episodes = dataset.read(RECORDING)
     found: list[Array] = []

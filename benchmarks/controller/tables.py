@@ -1,5 +1,5 @@
-"""The tables of the controller: times of its implementations, the closed loop with each of them, the emulated cores;
-and the time of a time step of the plant."""
+"""The tables of the controller (times of its implementations, closed loops with each of them, emulated cores), and of
+the plant's time step."""
 
 from typing import Any, Final
 

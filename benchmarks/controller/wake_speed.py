@@ -79,7 +79,7 @@ def _plant(refinement: float, precision: str) -> TruckWake:
 
 
 def _visit(wake: TruckWake, times: defaultdict[str, list[float]]) -> None:
-    """Time three control periods (free, at full amplitude, and split into parts), and the machine's two limits."""
+    """Time three control periods (no jets, full amplitude, each part separately), and the machine's two limits."""
     limit = wake.config.action_limit
     times["free"].append(_clock(lambda: wake.advance(0.0)))
     wake.advance(limit)

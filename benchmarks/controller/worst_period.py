@@ -103,7 +103,7 @@ class Period:
 
 
 class Measured(NamedTuple):
-    """The work of a control period. `is_mean`: whether it is a period in control with the release's own goal."""
+    """The work of a control period. If `is_mean`, the ECU is in control with the release's own goal."""
 
     drive: str
     cycles: int
@@ -140,7 +140,7 @@ def worst_periods(
     asked = replace(own, weights=replace(own.weights, lift_mean=1e-3, rate=1e-3, smoothness=1e-3))
     ran = [_period(ecu, vehicle.now_ns, Period(frames=vehicle.frames()), _OWN_GOAL, most) for _ in range(_WARM)]
     if not any(one.is_mean for one in ran):
-        raise McuError(f"the ECU did not come into control in {_WARM} control periods")
+        raise McuError(f"the ECU did not take control within {_WARM} control periods")
     saved, stack = ecu.saved(), ecu.board.stack_depth()
     for name in _DRIVES if drives is None else drives:
         there = deepcopy(vehicle)

@@ -60,7 +60,7 @@ _KEPT: Final = (
 
 def main(
     bundle: Annotated[Path | None, typer.Option(help="Release bundle; default: the shipped one.")] = None,
-    library: Annotated[Path | None, typer.Option(help="Its C library; default: made from the shipped model.")] = None,
+    library: Annotated[Path | None, typer.Option(help="C library; default: made from the shipped model.")] = None,
     json_file: JsonFile = None,
     parts: Parts = Path("runs/ecu_loop"),
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.")] = 25.0,

@@ -44,7 +44,7 @@ from stillwake.parts.releases import open_release
 LONGEST: Final = 250
 """Number of periods from a fault's start within which the fault must be found: ten shedding cycles."""
 FIRST: Final = 200
-"""Number of steps of an episode before the earliest start of a fault."""
+"""Smallest step number at which a fault starts in an episode."""
 DRIFT_PERIODS: Final = 100
 DISTURBED: Final = ("none", "noise 0.9", "lost 0.3")
 """Disturbances of the healthy sensors' readings, which are also rounded. The number after "noise" is in global
@@ -89,7 +89,7 @@ class Lab:
         restarts from `restart`, or continues if `restart` is None."""
         length = self.network.window
         windows = _windows(passage, length)[first:]
-        # This estimator returns estimates that were computed in advance; `now` is that of the present step.
+        # This estimator returns estimates that were computed in advance; `now` is the estimate of the present step.
         ahead: Any = SimpleNamespace(estimates=lambda window: ahead.now)
         check = replace(self.check, estimator=ahead)
         for step, (window, ahead.now) in enumerate(zip(windows, _estimates(self.network, windows), strict=True), first):
@@ -110,7 +110,7 @@ class Lab:
 
 
 class Outcome(NamedTuple):
-    """The result of a fault: the excluded sensor, whether the jets were shut, and the periods until either happened."""
+    """The result of a fault: the excluded sensor, whether the jets were shut, and the number of periods until then."""
 
     set_aside: int | None
     shut: bool

@@ -19,7 +19,7 @@ _LOST: Final = {
 }
 _LONG_MS: Final = 3.0
 """Smallest modelled time in ms of a piece of flashing work that the table lists. After a shorter piece, the control
-step still ends long before the end of its period."""
+step ends long before its period ends."""
 _ITEMS: Final = ROOT / "tests" / "proofs" / "prove" / "items.toml"
 
 

@@ -34,8 +34,8 @@ from firmware_sim.runs.statistics import NoAverages, averages
 
 
 class Case(NamedTuple):
-    """The differences of a case from the goal of the prior's training. `limit` is the action limit as a share of the
-    release's limit. `delay` is the actuator's delay in control periods; the ECU knows this delay."""
+    """The differences between a case and the goal with which the prior was trained. `limit` is the action limit as a
+    share of the release's limit. `delay` is the actuator's delay in control periods; the ECU knows this delay."""
 
     name: str
     weights: Mapping[str, float] = {}

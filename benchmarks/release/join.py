@@ -35,7 +35,7 @@ PERIODS: Final = 1000
 drag becomes constant in half of this time."""
 STARTS: Final = 2
 RAMP: Final = 40
-"""Periods over which the speed changes from the design speed."""
+"""Number of periods over which the speed changes from the design speed to an expert's speed."""
 
 
 def feedback_of(model: TrainedModel, base: TrainedModel) -> Feedback:
@@ -44,7 +44,7 @@ def feedback_of(model: TrainedModel, base: TrainedModel) -> Feedback:
     if model.prior is None or base.prior is None or "filters" not in model.prior:
         raise ModelError("the model has no prior: train it with `stillwake refine` first")
     if model.sensors != base.sensors:
-        raise ModelError(f"the sensors are {', '.join(model.sensors)}; the base has {', '.join(base.sensors)}")
+        raise ModelError(f"the model has sensors {', '.join(model.sensors)}; the base has {', '.join(base.sensors)}")
     memory, needed = len(model.prior["filters"]), len(base.prior["filters"])
     if memory != needed:
         raise ModelError(f"the prior reads {memory} rows; the base's prior reads {needed}")

@@ -19,7 +19,7 @@ from wake.truck.truck_wake import TruckWake
 UNCONTROLLED, CONTROLLED = "0.25", "#1f77b4"
 _CASES: Final = (("uncontrolled", UNCONTROLLED), ("controlled", CONTROLLED))
 _BEHIND: Final = (-0.6, 10.4, -1.5, 1.5)
-"""Limits of the shown part of the mean flow, in W: smallest and largest x, measured from the base, then y."""
+"""Limits of the shown area in W: smallest and largest x, measured from the base, then smallest and largest y."""
 
 
 def drawn(figures: Mapping[str, Any]) -> dict[str, Figure]:

@@ -94,8 +94,8 @@ def with_net(row: Mapping[str, Any]) -> dict[str, Any]:
     """Return a run's figures and two further reductions in per cent, which include the costs of the jets.
 
     `net_reduction_percent` is the reduction of `Cd_net`, which includes wall, slot faces and the jets' momentum.
-    `net_of_power_percent` is the reduction of the sum of `Cd_net` and the jets' power. The two can be added, because at
-    the vehicle's speed a unit of `jet_power` is the power of a unit of Cd.
+    `net_of_power_percent` is the reduction of the sum of `Cd_net` and the jets' power. The two can be added, because a
+    drag with Cd = 1 costs `jet_power` = 1 at the vehicle's speed.
     """
     before, under = row["Cd_net_uncontrolled"], row["Cd_net_controlled"]
     return {

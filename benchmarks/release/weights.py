@@ -4,8 +4,8 @@
 
 The runs use the mesh on which the prior was trained, CAN, and the ECU with the controller in int8. Each run has 15 t_c
 without control and 85 t_c with control; the last 50 t_c are averaged. Every case is run from three starts. One weight
-at a time takes seven values over the range of the prior's training. The other weights keep the release's values.
-Spearman's rank correlation states how consistently the effect follows the weight.
+at a time gets seven values over the range of the prior's training. The other weights keep the release's values.
+Spearman's rank correlation states how consistently a larger weight has a larger effect.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Fit the prior of a model so that it loses less drag reduction if it gets a wrong speed.
+"""Fit a model's prior so that wrong speeds cost less drag reduction.
 
     python -m benchmarks.release.wrong_speeds OUTPUT --model MODEL
 
@@ -37,10 +37,10 @@ from train.refinement.imitation import Demonstration, demonstration, watch
 
 SPEEDS: Final = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4)
 TOLD: Final = (0.9, 0.95, 1.0, 1.05, 1.1)
-"""Ratios of the speed that the prior gets to the true speed."""
+"""Ratios of the told speed to the true speed."""
 BEST_TOLD: Final = {0.8: 0.95}
-"""Such a ratio with which the prior of `truck-wake-14` has less drag than with the right speed, by the true speed. From
-two starts, Cd is 0.799 and 0.798 instead of 0.827 and 0.814."""
+"""For a true speed, a ratio that gives the prior of `truck-wake-14` less drag than the right speed does. From two
+starts, Cd is 0.799 and 0.798 instead of 0.827 and 0.814."""
 GUST: Final = 0.1
 """Amplitude of the gusts in design speeds."""
 GUST_PERIOD: Final = 100
@@ -77,7 +77,7 @@ def gusty(speed: float) -> Course:
 def demonstrations_of(
     run: tuple[Course, Sequence[Array]], *, model: TrainedModel, prior: Mapping[str, Array] | None, start: int
 ) -> list[Demonstration]:
-    """Run a course. Return the actions that the model's prior would choose in its states with `expert_told`.
+    """Run a course. Return the actions that the model's prior, told `expert_told`, would choose in the course's states.
 
     Args:
         run: the course, and for each demonstration the factors `told` of its input.

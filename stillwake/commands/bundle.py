@@ -153,7 +153,7 @@ def _speeds(text: str) -> SpeedRange:
 
 
 def _given(loaded: Loaded, section: str, values: object) -> dict[str, float]:
-    """Return the values that the user gave for a section of the settings, by name."""
+    """Return, by name, the values that the user gave for a section of the settings."""
     names = [name.removeprefix(section) for name in loaded.given if name.startswith(section)]
     return {name: getattr(values, name) for name in names}
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from firmware_sim.campaign.folder import CampaignFolder
 
 NOT_SAFE: Final = 3
-"""Exit status of a complete campaign that violated an invariant, a condition for safe frames and jet flows."""
+"""Exit status of a complete campaign that violated an invariant (a condition for safe frames and jet flows)."""
 _USES: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
 _LONGEST: Final = 1e6
 """Longest time in t_c that an option accepts, about a day on the road."""

@@ -31,7 +31,7 @@ def config(
 
     The last column gives the source: the "default", the shipped "release", a "file" of --set, or a single "--set". With
     a prefix, the source of each default is given too. --set has the same effect in other commands, with two exceptions:
-    in `export` and `refine` it changes the settings of the model, and in `train` the settings of the training.
+    in `export` and `refine` it changes the model's settings, and in `train` it changes the training's settings.
     """
     loaded = read_settings(given)
     listed = chosen(sections(loaded.config), prefix, only_changed=changed)

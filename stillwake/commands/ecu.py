@@ -43,7 +43,7 @@ _MAKES: Final = {
     "root": "`stillwake keygen` makes a pair",
     "library": "`stillwake export --c` writes one",
 }
-"""A text on the command that makes an option's file, for each of these options."""
+"""For each of these options, a text that names the command that makes the option's file."""
 
 
 class _RunsByDefault(TyperGroup):
@@ -265,7 +265,7 @@ def _refuse(why: str, **given: Any) -> None:
 
 
 def _needed(what: str, **given: Path | None) -> dict[str, Path]:
-    """Return the paths without which the option `what` does not work; raises ConfigError for the first missing path."""
+    """Return the paths that the option `what` needs; raises ConfigError for the first missing path."""
     found = {}
     for name, value in given.items():
         if value is None:

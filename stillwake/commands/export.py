@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 
 _LIBRARY: Final = "holds a C library already"
 _NO_BUNDLE: Final = (
-    "no BUNDLE to write: name MODEL and BUNDLE, or --c FOLDER alone, --fmu, --image or --for-testers for the shipped "
-    "bundle; --for-testers also accepts another bundle in place of MODEL"
+    "no BUNDLE to write: name MODEL and BUNDLE; for the shipped bundle, give --c, --fmu, --image or "
+    "--for-testers without MODEL; --for-testers also accepts another bundle in place of MODEL"
 )
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
@@ -100,7 +100,7 @@ def export(
     Without a model, `export --c FOLDER` writes this folder for the shipped bundle, `export --fmu FILE` writes the
     shipped bundle's ECU as an FMU, and `export --image FILE` writes the shipped bundle's image. `export --for-testers
     FOLDER` writes the files for testers of the shipped bundle, and `export BUNDLE --for-testers FOLDER` writes the
-    files of another bundle; neither needs an ECU.
+    files of another bundle; neither command needs an ECU.
     """
     files = _Files(
         c=c,
@@ -132,7 +132,7 @@ def export(
 
 @dataclass(frozen=True, kw_only=True)
 class _Files:
-    """The files that are written together with a bundle, or for an existing bundle."""
+    """The files that are written for a new or an existing bundle."""
 
     c: Path | None
     fmu: tuple[FmuKind, Path] | None
@@ -198,7 +198,7 @@ class _Files:
 
     @property
     def signed(self) -> str:
-        """A description of the image's signer."""
+        """The image's signer in words."""
         return "unsigned" if self.key is None else f"signed by key {public_key(self.key).fingerprint}"
 
 

@@ -50,7 +50,7 @@ class Subject:
 
 
 Periods = Annotated[int, typer.Option(help="Number of control periods with a plan to measure.", min=100, max=150_000)]
-Budget = Annotated[Path | None, typer.Option(help="File of limits; exit status 3 if one is exceeded.", metavar="FILE")]
+Budget = Annotated[Path | None, typer.Option(help="Limits; exit status 3 if a limit is exceeded.", metavar="FILE")]
 
 
 def latency(
@@ -204,7 +204,7 @@ def _subjects(
     release: Bundle, bundle: Path | None, library: Path | None, *, both: bool, stack: ExitStack
 ) -> list[Subject]:
     """Return the controllers to time. A C library that is made here is deleted when `stack` is closed. Raises
-    LibraryError if both controllers are requested for a user's bundle and its C library is not given."""
+    LibraryError if both controllers are requested for a user's bundle without the bundle's C library."""
     path, _ = locate(bundle, None)
     name = f"{release.manifest.name} {release.digest[:12]}"
     onnx = Subject(name="onnx", about=f"{name}, ONNX Runtime", bundle=path.absolute())

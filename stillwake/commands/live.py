@@ -22,7 +22,7 @@ EcuName = Annotated[Literal["python", "c", "mcu", "off"], typer.Option("--ecu", 
 
 def live(
     host: Host = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port to listen at; 0: any that is free.", min=0, max=65535)] = 8765,
+    port: Annotated[int, typer.Option(help="Port to listen at; 0: any free port.", min=0, max=65535)] = 8765,
     open_page: Annotated[bool, typer.Option("--open", help="Open the page in this machine's browser.")] = False,
     bundle: shared.Bundle = None,
     library: shared.Library = None,
@@ -42,8 +42,8 @@ def live(
     The loop runs in real time, or slower if the machine is too slow. Only this machine can open the page, unless --host
     names another address; the printed link then has a token, which every request needs.
 
-    Ctrl-C or SIGTERM ends the command. A loop that fails is restarted; if a loop fails within 20 s, the exit status is
-    1.
+    Ctrl-C or SIGTERM ends the command. A loop that fails is restarted if it ran for at least 20 s; otherwise the
+    command ends with exit status 1.
     """
     from firmware_sim.live.serving import server
     from firmware_sim.live.settings import LiveSettings

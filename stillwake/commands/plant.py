@@ -37,8 +37,8 @@ def develop(
     here and in the command that uses the state, for example --set flow.reynolds=1000.
 
     With --steady, the flow is kept symmetric about its midline until it is steady, so that no vortices are shed. The
-    drag of the steady flow is the lowest that a controller can reach by suppressing the shedding only; --json writes
-    the drag to a file.
+    drag of the steady flow is the lowest drag that a controller can reach by suppressing the shedding only; --json
+    writes the drag to a file.
     """
     config = settings("develop", given, uses=USES).config
     if steady and duration is not None:

@@ -33,7 +33,7 @@ Lengths = Annotated[
     list[str] | None,
     typer.Argument(metavar="KIND=STEPS", help="Number of control steps for a kind of episode.", show_default=False),
 ]
-FromSteady = Annotated[Path | None, typer.Option(help="State file of the steady wake, to begin with it instead.")]
+FromSteady = Annotated[Path | None, typer.Option(help="State file of the steady wake from which episodes begin.")]
 Amplitudes = Annotated[
     tuple[float, float] | None, typer.Option(help="Least and greatest rms of random actions, U_inf W (0.0005 0.02).")
 ]
@@ -227,7 +227,7 @@ def _policy(bundle: Path, config: Config) -> tuple[Bundle, "PolicyFactory"]:
 
     release = open_release(bundle)
     check_flow(release, config.flow)
-    # The policy is built once before the recording, so that a model that does not load is refused immediately.
+    # The policy is built once before the recording, so that a model that cannot be loaded is refused immediately.
     policy = partial(BundlePolicy, release, layout=layout_of(config.body))
     policy()
     console.print(*describe(release), sep="\n")
@@ -235,7 +235,7 @@ def _policy(bundle: Path, config: Config) -> tuple[Bundle, "PolicyFactory"]:
 
 
 def _advice(output: Path) -> str:
-    """Return a text on how to continue the recording; empty if no part of it was stored."""
+    """Return a text on how to continue the recording; empty if no part of the recording is stored."""
     from wake.recording.episode_job import PartsFolder
 
     parts = PartsFolder.for_output(output)

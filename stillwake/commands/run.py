@@ -129,7 +129,7 @@ def run(
 
 
 def ecu_of(text: str) -> tuple[str, float]:
-    """Return kind and clock frequency in MHz of an ECU named as in mcu@300. Raises ConfigError for another text."""
+    """Return kind and clock frequency in MHz from a text such as mcu@300. Raises ConfigError for another text."""
     kind, at, clock = text.partition("@")
     if kind not in ECUS or (at and kind != "mcu"):
         raise ConfigError(f"--ecu {text}: must be one of {', '.join(ECUS)}, or a clock in MHz as in mcu@300")
@@ -224,7 +224,7 @@ def _closed(
 
 def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle, config: Config) -> "LoopEcu":
     """Return the bundle's ECU in C, for the vehicle of this run. Raises LibraryError if no library is given for a
-    bundle other than the shipped one, or if the library is of another bundle. Raises StillwakeError if the library
+    bundle other than the shipped one, or if the library belongs to another bundle. Raises StillwakeError if the library
     cannot be compiled, or an ECU in C does not support the settings."""
     from can_bridge.secoc.key import read_secret
     from ecu.in_c.c_ecu import ecu_sources

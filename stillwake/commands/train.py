@@ -45,7 +45,7 @@ def train(
 
     The command can be stopped at any time. The same command continues from the last checkpoint, and the model is the
     same as without a stop. To change a setting use, for example, --set train.epochs=300. The model stores all settings,
-    and `export` starts from them. If --sensors names sensors, the method does not choose them. docs/how-to/train.md
+    and `export` starts from them. If --sensors names sensors, train.selection has no effect. docs/how-to/train.md
     describes the steps.
     """
     # A missing extra is reported before a missing file, because a vehicle's computer has no HDF5.

@@ -116,7 +116,7 @@ def vehicle(
 
 
 def _check_plant(*, live: bool, **given: object) -> None:
-    """Raise ConfigError for a given option that has no effect with the chosen plant."""
+    """Raise ConfigError if the user gave an option that has no effect with the chosen plant."""
     for name in ("dataset", "episode") if live else ("state", "drive"):
         if given[name] is not None:
             why = "does not go with --plant wake" if live else "needs --plant wake: a recording cannot be changed"

@@ -78,7 +78,7 @@ def rows() -> Iterator[tuple[str, str]]:
 
 
 def refuse_old(words: Sequence[str]) -> None:
-    """Raise OldWordError if the words of a call after `stillwake` contain a word of `OLD`."""
+    """Raise OldWordError if the command line after `stillwake` contains a word of `OLD`."""
     given = [part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])]
     given = given[: given.index("--")] if "--" in given else given
     for old, new in rows():

@@ -1,5 +1,5 @@
 """The options that several commands share, and the checks of their values. An option has the same name and meaning in
-all of its commands. An error states the option's name."""
+all commands. An error states the option's name."""
 
 import os
 from math import isfinite
@@ -48,7 +48,7 @@ Frames = Annotated[
 Priority = Annotated[int, typer.Option("--priority", help="SCHED_FIFO priority; 0: ordinary process.", min=0, max=99)]
 Workers = Annotated[
     str | None,
-    typer.Option("--workers", help="Processes (one a core), or a dask scheduler's address.", metavar="N|ADDRESS"),
+    typer.Option("--workers", help="Processes (one per core), or a dask scheduler's address.", metavar="N|ADDRESS"),
 ]
 Threads = Annotated[int, typer.Option("--threads", help="Threads of torch; more may be slower.", min=1, max=1024)]
 Restart = Annotated[bool, typer.Option("--restart", help="Delete the checkpoints, and start over.")]
@@ -70,13 +70,13 @@ Bus = Annotated[
 WAKE: Final = "wake"
 """Name of stillwake's flow solver in options that select the source of the pressures."""
 _LONGEST: Final = 1e5
-"""Longest time in t_c that an option accepts. Its simulation takes days, but its arrays still fit into memory."""
+"""Longest time in t_c that an option accepts. A simulation of this time takes days, but its arrays fit into memory."""
 _LONGEST_S: Final = 1e7
 """Longest time in s that an option accepts: four months. A longer time is a mistake, and clocks may round it."""
 
 
 def names_in(text: str) -> tuple[str, ...] | None:
-    """Return the names of a comma-separated list; None for an empty text."""
+    """Return the names of a comma-separated list; None if the text is empty."""
     return tuple(name.strip() for name in text.split(",")) if text else None
 
 

@@ -2,9 +2,9 @@
 only on request.
 
 A second command that would write to a locked path is refused before it begins its work, so no work is lost. A lock is
-the system's lock on a hidden file beside the output, `.NAME.lock`. It always ends with the process, so the hidden file
-of a killed process has no effect. Linux passes the lock on to an NFS server, so the lock also works between machines.
-Windows and some file systems have no such locks, and there no command is refused.
+the system's lock on a hidden file beside the output, `.NAME.lock`. The lock ends when the process ends, so the hidden
+file of a killed process has no effect. Linux passes the lock on to an NFS server, so the lock also works between
+machines. Windows and some file systems have no such locks; then no command is refused.
 """
 
 import atexit
@@ -78,7 +78,7 @@ def _lock(path: Path, file: Path) -> None:
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(held), file.stat()):
                 break
-        # The lock's previous holder has removed this file in the meantime. A lock on it would not stop other commands.
+        # The lock's previous holder has removed this file in the meantime. A lock on it stops no other command.
         os.close(held)
     with suppress(OSError):
         os.ftruncate(held, 0)
@@ -107,7 +107,7 @@ def check_output(
     the path.
 
     Args:
-        overwrite: whether the user asked to replace an existing output; None for outputs that are never replaced.
+        overwrite: whether the user asked to replace an existing output; None if the output is never replaced.
         folder: whether the output is a folder; an empty folder may exist.
         occupant: description of the existing output, for the error message.
         mark: name of a file that every folder of this kind has; a folder without this file is never replaced.
@@ -139,14 +139,14 @@ def check_frames(path: Path | None) -> None:
 
 
 def print_written(path: Path, result: object) -> None:
-    """Print that a file was written. For a measurement file, also print the number of frames without signals, by
-    name."""
+    """Print that a file was written. For a measurement file, also print the names and numbers of frames without
+    signals."""
     skipped = listed(result) if isinstance(result, Counter) else ""
     console.print(f"wrote {path}{f'; frames without signals: {skipped}' if skipped else ''}")
 
 
 def save_json(path: Path | None, *, figures: Any, facts: Mapping[str, Any], packages: Sequence[str] = ()) -> None:
-    """Write figures, the facts on which they depend, the versions of packages and today's date, if a file was given."""
+    """Write figures, the facts on which they depend, versions of packages and today's date, unless `path` is None."""
     if path is not None:
         own = {"versions": versions(*packages)} if packages else {}
         write_result(path, figures=figures, facts={**facts, **own}, on=date.today())

@@ -67,7 +67,7 @@ class ProgressBar(Progress):
 
 
 class ProgressLines(Progress):
-    """A display of lines of text: at the first update, at least every `interval` seconds, and at the end of each task.
+    """A display that prints a line at the first update, at least every `interval` seconds, and at the end of each task.
 
     A task gets a new line only if it has advanced since its last line. If no task has advanced during an interval, the
     task with the latest line gets another line, to show that the work continues. If a task's first step is long, such
@@ -106,7 +106,7 @@ class ProgressLines(Progress):
         with self._lock:
             task, last = self._tasks[task_id], self._lines.get(task_id)
             if last is None:
-                # If several tasks start together, only the first of them gets a line at its start.
+                # If several tasks start together, only the first task gets a line at its start.
                 if task.completed > 0 or not self._lines:
                     self._print(task)
             elif task.completed != last.completed:
@@ -135,8 +135,8 @@ class Report:
     """A receiver of reports on tasks. A task begins with its first report; the steps in this report do not count for
     the speed.
 
-    The first and the last report of a task are shown immediately. A task is never shown if no report of it was shown
-    before its end.
+    A report is shown immediately if no step is done, or if all steps are done and the task has been shown before. A
+    task that ends before its first shown report is never shown.
     """
 
     def __init__(self, bar: Progress, unit: str, clock: Callable[[], float]) -> None:

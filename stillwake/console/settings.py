@@ -43,7 +43,7 @@ def settings(verb: str, given: Sequence[str], *, uses: Sequence[str], base: Conf
     Args:
         given: the texts of `--set`.
         uses: sections or single settings that the command reads, such as "flow" or "mpc.weights".
-        base: the settings that `--set` changes; if None, the release's settings.
+        base: the settings that `--set` changes; None means the release's settings.
     """
     loaded = read_settings(given, base=base)
     unused = sorted(name for name in loaded.in_overrides if not _is_used(name, uses))

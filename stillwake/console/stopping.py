@@ -94,8 +94,8 @@ def still_wanted() -> None:
 
 @contextmanager
 def go_on_with(advice: Callable[[], str]) -> Iterator[None]:
-    """Run work that can be continued. If the work is stopped, the command prints `advice()`, a text (maybe empty) on
-    how to continue."""
+    """Run work that can be continued. If the work is stopped, the command prints `advice()`, a text on how to continue,
+    which may be empty."""
     try:
         yield
     except KeyboardInterrupt:

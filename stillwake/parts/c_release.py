@@ -1,4 +1,4 @@
-"""The ECU in C, for the folder of a C library, for the shipped bundle's library, and for a library's FMU and image."""
+"""The functions that write the folder of a C library with its ECU, and the library's FMU and image."""
 
 import tempfile
 from collections.abc import Callable, Iterator
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def ecu_files(release: Bundle, rows: Array, *, config: Config, notice: Callable[[str], None]) -> dict[str, bytes]:
-    """Return the files of the ECU in C for a release, by name, with examples and descriptions; no files if the ECU in C
+    """Return the files of the ECU in C for a release, by name, with examples and descriptions; empty if the ECU in C
     cannot run the release.
 
     Args:

@@ -21,7 +21,7 @@ def differentiable_wake(
     config: Config, sensors: Sequence[str], start: Path | None, progress: Callable[[float, float], None]
 ) -> tuple[DifferentiableWake, list[FlowState]]:
     """Return the plant of a refinement on its mesh, and developed wakes in different phases. The refinement simulates
-    these flows side by side (`refine.streams`). Raises PlantError if the wake in `start` is of another body, Reynolds
+    these flows side by side (`refine.streams`). Raises PlantError if the wake in `start` has another body, Reynolds
     number or mesh, or if the flow diverges.
 
     Args:

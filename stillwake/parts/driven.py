@@ -10,8 +10,8 @@ if TYPE_CHECKING:
 
 
 def driven_at(name: str | None, config: Config, *, after_s: float = 0.0) -> "tuple[Drive | None, Config]":
-    """Return a drive by its name or file, delayed by `after_s` seconds, and the settings with the solver steps that it
-    needs. Without a name, return None and the unchanged settings. Raises PlantError for an unknown drive."""
+    """Return a drive by its name or file, delayed by `after_s` seconds, and the settings with the solver steps that the
+    drive needs. Without a name, return None and the unchanged settings. Raises ConfigError for an unknown drive."""
     if name is None:
         return None, config
     from wake.plant.drive import find_drive

@@ -36,12 +36,12 @@ _TOLD_EVERY: Final = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class LiveParts:
-    """The parts of one live loop; the loop's process gets this object when it starts.
+    """The parts of one live loop; the process of the loop gets this object at its start.
 
     Attributes:
-        bundle: release bundle; the shipped bundle if None.
+        bundle: release bundle; None means the shipped bundle.
         library: C library of the bundle; if None, the library of the shipped bundle is made when it is needed.
-        state: initial state of the flow; the shipped state if None.
+        state: initial state of the flow; None means the shipped state.
         lead_in: time in t_c until control is requested.
     """
 
@@ -54,7 +54,7 @@ class LiveParts:
 
     def __call__(self, tell: Callable[[str], None]) -> "LiveSession":
         """Build the loop. `tell` is called with a description of the work for which the user waits. Raises
-        StillwakeError if plant or ECU is not available, or if they do not fit each other."""
+        StillwakeError if plant or ECU is not available, or if plant and ECU do not fit each other."""
         from firmware_sim.live.session import LiveSession
 
         release = open_release(self.bundle)
@@ -99,8 +99,8 @@ class Ecus:
         self._in_c: dict[str, LoopEcu] = {}
 
     def __call__(self, name: str) -> "LoopEcu":
-        """Return an ECU that was just powered on. An ECU in C is always the same object. The session stores this
-        object, too. Raises StillwakeError if the ECU is not available."""
+        """Return an ECU that was just powered on. For an ECU in C this is always the same object, which the session
+        also stores. Raises StillwakeError if the ECU is not available."""
         from can_bridge.secoc.node import authentication_in_virtual_time
         from ecu.ecu import Ecu
         from ecu.stepped import LoopEcu

@@ -1,4 +1,4 @@
-"""The opening of a release bundle for a command: the bundle's path, required signature, description and calibration."""
+"""The functions that open a release bundle for a command, check its signature, and return its calibration."""
 
 from dataclasses import asdict
 from pathlib import Path

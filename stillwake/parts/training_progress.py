@@ -37,7 +37,7 @@ def check_model_output(output: Path, *, overwrite: bool) -> Path:
 
 
 def advice(checkpoints: Path) -> str:
-    """Return how to continue a training that is stopped."""
+    """Return a line on how to continue a training that was stopped."""
     reached = unfinished.reached(checkpoints)
     place = f"from {reached}" if reached else "from the beginning: there is no checkpoint yet"
     return f"the same command continues {place}"

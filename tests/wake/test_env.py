@@ -103,7 +103,7 @@ def test_another_body_shows_its_own_sensors_and_needs_its_own_start():
     assert env.reset(seed=1)[0].shape == env.observation_space.shape == (8,)
     with pytest.raises(ConfigError, match="unknown sensor 'upper_39'"):
         TruckWakeEnv(("upper_39",), config=config, body=body, start=start)
-    with pytest.raises(PlantError, match=r"flow state is of a body of length 7\.647"):
+    with pytest.raises(PlantError, match=r"flow state is for a body of length 7\.647"):
         TruckWakeEnv(config=config, body=body).reset()
 
 

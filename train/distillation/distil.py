@@ -24,7 +24,7 @@ _CHUNK = 1024
 
 
 def encode_all(encoder: Encoder, rows: Rows) -> Tensor:
-    """Compute latents (n, N_z): row k is for the window that ends at k. An episode's first L - 1 rows are NaN."""
+    """Compute latents (n, N_z). Row k is for the window that ends at k; an episode's first L - 1 rows are NaN."""
     window = encoder.window
     with torch.no_grad():
         parts = []

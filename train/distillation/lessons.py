@@ -1,15 +1,15 @@
 """The narrower dynamics and decoder for small ECUs, distilled on roll-outs of trained networks (this project's method).
 
-The paper makes only the encoder smaller. But the other two networks need nearly all computation of a control step: the
-optimiser rolls them out over `horizon` steps, forwards and backwards, in every iteration. So the student learns from
-lessons. A lesson has a roll-out of `horizon` steps from a latent of the vehicle's encoder, the forces, and the gradient
-of the controller's cost with respect to the plan. The optimiser uses only this gradient (Sobolev training, Czarnecki et
-al. 2017).
+The paper makes only the encoder smaller. But the other two networks take nearly all the time of a control step: the
+optimiser rolls them out over `horizon` steps, forwards and backwards, in every iteration. So a student, a narrower
+version of these two networks, learns from lessons. A lesson has a roll-out of `horizon` steps from a latent of the
+vehicle's encoder, the forces, and the gradient of the controller's cost with respect to the plan. The optimiser uses
+only this gradient (Sobolev training, Czarnecki et al. 2017).
 
 The trained predictor, the teacher, gives a roll-out for any actions. A quarter of the lessons use the actions that were
 recorded after the lesson's first state, and a quarter use actions from other places in the recording. The other half
-use plans from an optimisation: a plan begins with recorded actions, and gradient steps then lower the controller's
-cost, as the teacher predicts it.
+use plans from an optimisation: a plan begins with recorded actions, and gradient steps then lower the cost that the
+teacher predicts for it.
 
 Shapes: B plans of H actions, N_z latent dimensions. Latents, actions and forces are standardised.
 """
@@ -58,8 +58,8 @@ def force_slope(forces: Tensor, weights: CostWeights, scaling: Scaling) -> Tenso
 
 def plan_slope(forces: Tensor, actions: Tensor, by_force: Tensor, *, differentiable: bool = False) -> Tensor:
     """Compute the gradient of a cost with respect to the plans' actions, (B, H). `by_force` (H, B, 2) is the gradient
-    with respect to the forces at t+1 .. t+H. `forces` (H + 1, B, 2) are of the actions' roll-out, with their autograd
-    graph. If `differentiable`, the result can be differentiated with respect to the networks' weights."""
+    with respect to the forces at t+1 .. t+H. `forces` (H + 1, B, 2) are the forces of the actions' roll-out, with their
+    autograd graph. If `differentiable`, the result can be differentiated with respect to the networks' weights."""
     (slope,) = torch.autograd.grad(forces[1:], actions, by_force, create_graph=differentiable, retain_graph=True)
     return slope
 
@@ -67,9 +67,9 @@ def plan_slope(forces: Tensor, actions: Tensor, by_force: Tensor, *, differentia
 _TOGETHER = 256
 """Number of roll-outs of the teacher that are computed together."""
 _STEPS_DOWN = 16
-"""Number of gradient steps that lower a plan's cost. There is a lesson before each step."""
+"""Number of gradient steps that lower a plan's cost. A lesson is made before each step."""
 _LONGEST_STEP = 4e-3
-"""Largest change of an action in a gradient step, in U_inf W. Its mean is half as large: 16 steps cover 0.032."""
+"""Largest change of an action in a gradient step, in U_inf W. The mean is half as large, so 16 steps cover 0.032."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -167,9 +167,9 @@ def distil_predictor(
 
     The loss is the sum of three terms. The first term is the mean square of the latents' difference over h = 1 .. H.
     The second term is the Smooth L1 of the forces' difference over h = 0 .. H. Latents and forces are in standard
-    deviations. The third term is `slope_weight` times the mean square difference of the cost's gradients by student and
-    teacher, divided by the mean square of the teacher's gradient. Returns the student in evaluation mode, with the slim
-    widths of `model`, on the lessons' device.
+    deviations. The third term is `slope_weight` times the mean square difference between the student's and the
+    teacher's gradients of the cost, divided by the mean square of the teacher's gradient. Returns the student in
+    evaluation mode, with the slim widths of `model`, on the lessons' device.
     """
     device = lessons.actions.device
     batch_size = max(2, settings.batch_size // _FEWER)

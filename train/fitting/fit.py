@@ -1,8 +1,8 @@
 """The training loop, and the joint fit of encoder, dynamics and decoder (paper, section 2.2.4).
 
 A run depends on configuration and recording only. Batches depend only on the seed and the step. Initial weights and
-dropout depend on a generator that this module seeds and the checkpoint stores. So an interrupted and resumed run ends
-with the weights of an uninterrupted run, on one machine and with one number of threads.
+dropout depend on a generator that this module seeds and the checkpoint stores. So a run that is interrupted and resumed
+ends with the weights of an uninterrupted run, if machine and number of threads are the same.
 
 The default number of torch's threads is one. On a machine with other work, a step with two threads used ten times the
 CPU time of one thread (measured). The number of threads changes the order of sums, and so the bytes of a trained model.
@@ -60,13 +60,13 @@ def device_named(name: str) -> torch.device:
     if name not in ("cpu", "cuda"):
         raise ConfigError(f"device {name!r}: must be 'cpu' or 'cuda'")
     if name == "cuda" and not torch.cuda.is_available():
-        raise ConfigError("device 'cuda' was asked for, but this machine or this build of torch has no CUDA")
+        raise ConfigError("device 'cuda': this machine or this build of torch has no CUDA")
     return torch.device(name)
 
 
 @contextmanager
 def seeded(seed: int, device: torch.device) -> Iterator[None]:
-    """Seed torch's random numbers inside the block; the caller's generators are restored after it."""
+    """Seed torch's random numbers inside the block, and restore the caller's generators at the end."""
     with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
         torch.manual_seed(seed)
         yield
@@ -84,8 +84,8 @@ def optimise(
 ) -> None:
     """Minimise `loss(step)["total"]` over the module's parameters in place, with `steps` steps of Adam. The learning
     rate is constant or has one cycle (warm-up, then cosine to zero; Smith 2017). Call this function inside `seeded`:
-    the generator's state is saved and restored with the checkpoint. Raises the errors of `Checkpoints`. Raises
-    TrainingError, after removing the checkpoints, as soon as loss or weights are not finite."""
+    the generator's state is saved and restored with the checkpoint. Raises the errors of `Checkpoints`. Removes the
+    checkpoints and raises TrainingError as soon as loss or weights are not finite."""
     optimiser = torch.optim.Adam(module.parameters(), lr=settings.learning_rate)
     rate = _rate(optimiser, steps, settings)
     first = 0

@@ -1,8 +1,8 @@
 """The phases of a training, the reports of its progress, and the checkpoints of an unfinished training.
 
-The checkpoints' folder states the training's identity and progress. It is read without torch, because torch takes
-seconds to load. So another training's checkpoints are refused without delay. The files are written completely or not at
-all, and loaded only with equal settings.
+A file in the checkpoints' folder states the training's identity and progress. This file is read without torch, which
+takes seconds to load, so another training's checkpoints are refused without delay. All files are written completely or
+not at all. Checkpoints are loaded only with equal settings.
 """
 
 import io
@@ -60,8 +60,8 @@ def silent(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> N
 
 
 class Stopwatch:
-    """A `Progress` function that adds up the process's CPU time and the elapsed time of every phase, in order. The time
-    between two calls belongs to the phase of the later call."""
+    """A `Progress` function that adds up the process's CPU time and the elapsed time for each phase. The time between
+    two calls belongs to the phase of the later call."""
 
     def __init__(self) -> None:
         self._last = time.process_time(), time.monotonic()
@@ -83,7 +83,7 @@ class Stopwatch:
 
 
 _LABEL: Final = "training.json"
-_WAYS: Final = "finish it with these settings, or start over with --restart"
+_WAYS: Final = "finish it with its own settings, or start over with --restart"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,11 +140,11 @@ def folder_of(output: Path) -> Path:
 
 def check(folder: Path, identity: Identity) -> Reached | None:
     """Return the progress of the training in this folder; None if the folder has no checkpoints. Raises ConfigError,
-    with the first difference, for checkpoints of other settings; DatasetError for checkpoints of another recording."""
+    with the first difference, if the checkpoints have other settings; DatasetError if they have another recording."""
     if not any(folder.glob("*.pt")):
         return None
     label = _label(folder)
-    # If the folder states no settings, each checkpoint is still checked when it is loaded (`train.fitting.unfinished`).
+    # If the folder states no settings, each checkpoint is checked when it is loaded (`Checkpoints.load`).
     if label is not None and "settings" in label:
         settings = json.loads(identity.settings)
         for name, there, here in differences(label.get("settings"), settings):
@@ -247,9 +247,8 @@ class Checkpoints:
             note(self.folder, self.identity, reached)
 
     def load(self, phase: Phase) -> dict[str, Any] | None:
-        """Return a phase's state, on the CPU; None if no state is stored. Raises
-        StillwakeError for a file that is damaged or of another schema, ConfigError for a file of other settings,
-        DatasetError for a file of another recording."""
+        """Return a phase's state, on the CPU; None if no state is stored. Raises StillwakeError if the file is damaged
+        or has another schema, ConfigError if it has other settings, DatasetError if it has another recording."""
         import torch
 
         path = self.path(phase)

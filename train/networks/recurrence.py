@@ -23,7 +23,7 @@ def last_hidden(
 ) -> Tensor:
     """Compute the LSTM's final hidden state for every window of L rows. The S segments (S, R, F) have R >= L
     consecutive rows of F features. Returns (S, R - L + 1, H): entry w of a segment is the state after rows w .. w+L-1,
-    starting from zero. Weights and biases are (4H, F), (4H, H), (4H,), (4H,) as in `torch.nn.LSTM`."""
+    starting from zero. `weight_ih` is (4H, F), `weight_hh` (4H, H) and each bias (4H,), as in `torch.nn.LSTM`."""
     count, rows, features = segments.shape
     flat = segments.transpose(0, 1).reshape(rows * count, features)
     projected = torch.addmm((bias_ih + bias_hh)[:, None], weight_ih, flat.T).view(-1, rows, count)
@@ -80,8 +80,8 @@ class _Recurrence(torch.autograd.Function):
 
 
 def _forward(projected: Tensor, weight: Tensor, window: int, *, keep: bool) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Return gates, cells, hidden states and tanh(c) of every step: (L, 4H, N), (L + 1, H, N), (L + 1, H, N), (L, H,
-    N), with N = W S windows. Without `keep`, the results are of the last step, and their first axis is 1."""
+    """Return gates (L, 4H, N), cells (L + 1, H, N), hidden states (L + 1, H, N) and tanh(c) (L, H, N) of every step for
+    N = W S windows. If `keep` is False, return only the last step's values; their first axis is 1."""
     (gate_rows, rows, count), width = projected.shape, weight.shape[1]
     size = (rows - window + 1) * count
     flat = projected.reshape(gate_rows, rows * count)

@@ -24,7 +24,7 @@ from contract.sensors import TRUCK
 
 
 def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Scaling:
-    """Fit mean and standard deviation to the episodes, together with their mirror images if there are any.
+    """Fit mean and standard deviation to the episodes and, if the sensors have mirror images, to the episodes' images.
 
     The mirror image (y -> -y) permutes the sensors and changes the signs of action and lift. So statistics over the
     originals and the images are symmetric, and mirroring commutes with scaling. Without mirror images, Cl may have a
@@ -34,7 +34,7 @@ def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Sc
     pressure = np.concatenate([episode.series["Cp"] for episode in episodes])
     action = np.concatenate([episode.series["action"] for episode in episodes])
     drag, lift = (np.concatenate([episode.series[name] for episode in episodes]) for name in ("Cd", "Cl"))
-    # The rows are checked before the mirror images are added, because a dead sensor's mirror image would hide it.
+    # The check comes before the mirror images, which give a dead sensor's column another sensor's values.
     for name, values in zip(layout.names, pressure.T, strict=True):
         _refuse_constant(f"sensor {name}", values)
     for name, values in (("action", action), ("Cd", drag), ("Cl", lift)):
@@ -55,8 +55,8 @@ def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Sc
 
 
 def unit_steps(scaling: Scaling, chosen: Index) -> Array:
-    """Return the global deviation in units of the standard deviation of each of N chosen sensors, (N,). The global
-    deviation is the root mean square of all pressures' standard deviations (paper, appendix B)."""
+    """Return the global deviation divided by each chosen sensor's standard deviation, (N,). The global deviation is the
+    root mean square of all pressures' standard deviations (paper, appendix B)."""
     std = np.array(scaling.pressure_std)
     steps: Array = np.sqrt(np.square(std).mean()) / std[chosen]
     return steps

@@ -5,7 +5,7 @@ the opposite sign.
 Fixed filters reduce the memory. The newest rows are used one by one. Older rows are used as weighted means; the weights
 are bumps that widen with age. The trained part is a layer of tanh units on the filtered differences and actions. The
 layer is scheduled by the vehicle's speed, the goal (`contract.controller.goal`) and the filtered sums of the sensor
-pairs. The vehicle has the same filters before its layer (`export.program.weights.PriorWeights`).
+pairs. The vehicle's program applies the same filters (`export.program.weights.PriorWeights`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -115,8 +115,8 @@ class Feedback(nn.Module):
         return (self._filters.T @ odd).flatten(-2), (self._filters.T @ even).flatten(-2)
 
     def begin_with(self, prior: Mapping[str, Array]) -> None:
-        """Load the weights of a prior that `as_prior` returned, or of the prior of release 1.0.0, which has no inputs
-        for goal and sums. Units that the prior lacks stay unchanged."""
+        """Load the weights of a prior from `as_prior`, or from release 1.0.0, whose prior has no inputs for goal and
+        sums. Units that the prior lacks stay unchanged."""
         units, pairs, count = len(prior["output"]), self.pairs, self._filters.shape[1]
         first, gate, sums = of_two_speeds(prior["first"]), prior.get("gate"), prior.get("sums")
         if "slope" in prior:
@@ -133,7 +133,7 @@ class Feedback(nn.Module):
             self.gate[:, :units] = torch.from_numpy(np.hstack([gate, SUM * by_sum]).T.copy())
 
     def as_prior(self) -> dict[str, Array]:
-        """Return the tensors of a prior except its predictor, with scales and means included in the weights."""
+        """Return this feedback as a prior's tensors without the predictor; the weights include scales and means."""
         count, scheduled = self._filters.shape[1], len(SCHEDULED)
         first, gate = self.first.detach().numpy(), self.gate.detach().numpy()
         by_unit = np.moveaxis(first.reshape(scheduled, count, len(self._scales), -1), -1, 1)

@@ -2,11 +2,11 @@
 the design speed, the prior does not change.
 
 A training over all speeds improves a prior at some speeds and makes it worse at others. So priors that are good at some
-speeds run in closed loop at these speeds. The scheduled weights below or above the design speed are fitted to the
-priors' actions. The weights are multiplied by the distance from the design speed, so they have no effect there.
+speeds run at these speeds in closed loop. The scheduled weights below or above the design speed are fitted to the
+priors' actions. The weights are multiplied by the distance from the design speed, so they have no effect at this speed.
 
-A vehicle knows its speed over the ground, but not the wind. The pressures that a prior reads indicate the true speed.
-So a prior that is told a wrong speed can be fitted to the actions of a prior that is told the right speed.
+A vehicle knows its speed over the ground, but not the wind. The pressures that a prior reads depend on the true speed.
+So a prior that gets a wrong speed can learn the actions of a prior that gets the right speed.
 """
 
 from collections.abc import Sequence
@@ -25,14 +25,14 @@ from train.refinement.feedback import Feedback
 from train.refinement.windows import Stream, StretchReadings, closed_loop, read
 
 PERIODS_AT_ONCE: Final = 100
-"""Periods that the tape stores at once."""
+"""Number of periods that the tape stores at once."""
 SLOWEST: Final = 0.5
 """Lowest speed that a prior is told, in units of the design speed."""
 OPTIMISER_STEPS: Final = 400
 """Steps of the optimiser (L-BFGS)."""
 SMALL: Final = 1e-3
 """Factor of the weights' mean squared change in the cost; the mean squared error of action / limit has the factor 1.
-The change determines the weights that the demonstrations do not determine."""
+This term determines the weights that the demonstrations leave open."""
 RIGHT: Final = 10.0
 """Weight of a demonstration with the right speed, relative to a demonstration with a wrong speed."""
 
@@ -108,7 +108,7 @@ def demonstration(
     run: Watched, expert: Feedback, goal: Goal, *, told: Array, expert_told: float = 1.0
 ) -> Demonstration:
     """Return an expert's actions in the states of a run, as a demonstration for a prior that is told another speed. The
-    first periods are left out, because the memory is not full.
+    first periods are left out, because the memory is not yet full.
 
     Args:
         told: (n,) speed that the prior is told, divided by the true speed.
@@ -134,7 +134,7 @@ def demonstration(
 
 
 def rows_as_told(run: Watched, told: Array, memory: int) -> list[tuple[Tensor, float]]:
-    """Return the rows (M, 2 p + 1) that a prior reads in each period with a complete past, and the told speed."""
+    """Return the rows (M, 2 p + 1) that a prior reads, and the told speed, for each period with a complete past."""
     kept = ceil(memory / SLOWEST) + 1
     scale = torch.from_numpy(1.0 / told**2)[:, None]
     rows, speeds = torch.cat([run.rows[:, :-1] * scale, run.rows[:, -1:]], dim=1), (run.speeds * told).tolist()

@@ -54,17 +54,16 @@ def refine_model(
     control periods for which the plant was run.
 
     If the model already has a prior with these sensors and with the sizes in `config`, the training begins with that
-    prior. If the model has other sensors, its slim encoder is first distilled for these sensors, and then the slim
-    dynamics and decoder for the new encoder. The teacher stays unchanged. The state is stored in `<output>.checkpoints`
-    during the run.
+    prior. If the model has other sensors, a slim encoder for these sensors is distilled first, then slim dynamics and
+    decoder for this encoder. The teacher stays unchanged. The run's state is stored in `<output>.checkpoints`.
 
     Args:
         model: trained model; the result keeps the model's other settings.
         dataset_path: recording that the model was fitted to.
         config: settings of the refinement, its seed (`train.seed`), and the settings of the exported controller.
         sensors: names of the sensors, in pairs of mirror images.
-        flow: returns the plant with these sensors, and a developed wake without jets for each stream.
-        workers: runs the closed-loop intervals of an update in parallel; without it they run one after the other.
+        flow: function that returns the plant with these sensors, and a developed wake without jets per stream.
+        workers: function that runs an update's closed-loop intervals in parallel; if None, they run in turn.
         resume: whether an interrupted run is continued; if False, the run starts over.
 
     Raises:
@@ -111,8 +110,8 @@ def refine_model(
 
 
 def middles_and_deviations(model: TrainedModel, sensors: Sequence[str]) -> tuple[tuple[float, ...], Array]:
-    """Return means and standard deviations in Cp from the recording that the model was fitted to: the means (p,) of the
-    sums of p sensor pairs, and the standard deviations (2 p,) of the sensors."""
+    """Return, in Cp, the means (p,) of the sums of p sensor pairs and the standard deviations (2 p,) of the sensors in
+    the recording that the model was fitted to."""
     columns = list(model.layout.indices(sensors))
     means, deviations = (np.array(each)[columns] for each in (model.scaling.pressure_mean, model.scaling.pressure_std))
     return tuple((means[::2] + means[1::2]).tolist()), deviations
@@ -120,7 +119,7 @@ def middles_and_deviations(model: TrainedModel, sensors: Sequence[str]) -> tuple
 
 def resting_by_speed(flow: DifferentiableFlow, start: FlowState, settings: Config, progress: Progress) -> Array | None:
     """Return a table (K, 3) of the wake without jets at K speeds. Its columns are the speed, the base's mean Cp, and
-    the pairs' mean |Cp difference|. None if the training has a single speed or no sensor is on the base."""
+    the pairs' mean |Cp difference|. Returns None if there is only one speed or no sensor is on the base."""
     slowest, fastest = settings.refine.slowest, settings.refine.fastest
     if slowest == fastest:
         return None
@@ -137,7 +136,7 @@ def resting_by_speed(flow: DifferentiableFlow, start: FlowState, settings: Confi
 def air_speed_of(
     flow: DifferentiableFlow, starts: Sequence[FlowState], feedback: Feedback, settings: Config, progress: Progress
 ) -> Array:
-    """Return the weights of the estimate of the air speed under this feedback (`contract.controller.air_speed`)."""
+    """Return the weights of the air-speed estimate under this feedback (`contract.controller.air_speed`)."""
     seed, goal = settings.train.seed, Goal.of(settings.mpc.weights)
     found = list[tuple[Array, Array]]()
     for number in range(air_speed.RUNS):

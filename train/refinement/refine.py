@@ -103,8 +103,8 @@ class Refined:
 
     Attributes:
         feedback: feedback with averaged weights.
-        stretches: an array (n, p + 1) for each of the newest stretches near the design speed, or at any speed if there
-            is none. Each of n control periods has a row: p pressure differences and the action.
+        stretches: an array (n, p + 1) for each of the newest stretches near the design speed; if there is none, at any
+            speed. Each of n control periods has a row: p pressure differences and the action.
         periods: number of control periods that the plant simulated.
     """
 
@@ -173,14 +173,14 @@ def refine(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> Refined:
-    """Train the feedback, or continue an interrupted training. Raises PlantError if the flow diverged, or a stretch is
-    too long for the tape's memory; StillwakeError if a checkpoint cannot be written, or is damaged.
+    """Train the feedback, or continue an interrupted training. Raises PlantError if the flow diverged or a stretch is
+    too long for the tape's memory; StillwakeError if a checkpoint is damaged or cannot be written.
 
     Args:
-        make: returns the initial feedback.
+        make: function that returns the initial feedback.
         starts: developed wakes without jets, one for each stream.
         deviations: (2 p,) standard deviations of Cp of the sensors in p pairs; they are the unit of sensor noise.
-        side_by_side: runs an update's stretches in parallel; without it they run one after the other on `flow`.
+        side_by_side: function that runs an update's stretches in parallel; if None, they run in turn on `flow`.
         seed: random seed of noise and starts. An update's draws depend only on the seed and the update's number.
     """
     feedback, mean = make(), make()

@@ -1,8 +1,8 @@
-"""The selection methods: each takes an encoder, rows and a number of sensors, and returns the sensors' names.
+"""The selection methods. Each takes an encoder, rows and a number of sensors, and returns the chosen sensors' names.
 
 A ridge student is fitted in milliseconds: ridge regression of the teacher's latents on lags of a few sensors. It
-replaces the slim encoder where thousands of choices are compared and not all can be distilled. The fit uses n windows
-with centred lags X (n, F) and centred latents Z (n, N_z). The student's weights are
+replaces the slim encoder where thousands of choices are compared, too many to distil an encoder for each. The fit uses
+n windows with centred lags X (n, F) and centred latents Z (n, N_z). The student's weights are
 
     W = (X'X/n + lambda I)^-1 X'Z/n
 
@@ -30,14 +30,14 @@ from train.networks.samples import Rows
 from train.selection.shap_ranking import ShapRanker, check_count, rank
 
 STRIDE: Final = 4
-"""Distance between two lags, in rows: 0.8 t_c. A shedding cycle has about six lags, a window of 32 rows has 8."""
+"""Distance between two lags, in rows: 0.8 t_c. A shedding cycle has about 6 lags, and a window of 32 rows has 8."""
 
 RIDGE: Final = 1e-4
 """Ridge parameter lambda. Inputs have unit variance, so lambda acts like noise of 1 % of a standard deviation."""
 
 FITTED: Final = 4000
 JUDGED: Final = 2000
-"""Numbers of windows for the fit (`FITTED`) and the test (`JUDGED`); fewer windows are split in this ratio."""
+"""Numbers of windows for fit (`FITTED`) and test (`JUDGED`); if there are fewer, they are split in this ratio."""
 
 _CHUNK = 1024
 
@@ -86,7 +86,7 @@ class RidgeStudent:
 
     @property
     def sensors(self) -> int:
-        """Number of columns to choose from: all except the column of the action."""
+        """Number of columns to choose from: all columns except the action."""
         return len(self.noise_power) - 1
 
     def error(self, chosen: Sequence[int]) -> float:
@@ -134,8 +134,8 @@ def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:
     The order alternates between the next pair along the sides, from the rear forward, and the next pair across the
     base, from its edges inward. When the sides or the base have no more pairs, the remaining pairs follow. On the
     truck, the first four are upper_39, lower_39, base_0 and base_9. Sensors on the symmetry line come last, from the
-    rear forward. An odd count may end with only the upper sensor of a pair. Raises ConfigError without mirror images or
-    base sensors.
+    rear forward. An odd count may end with only the upper sensor of a pair. Raises ConfigError if the layout has no
+    mirror images or no base sensors.
     """
     mirror = layout.mirror
     if mirror is None or not layout.base.size:
@@ -159,10 +159,10 @@ def _sorted(wanted: Mask, by: Array) -> list[int]:
 
 
 def select_qr(rows: Rows, count: int) -> tuple[int, ...]:
-    """Return the indices of the first `count` pivots of a QR decomposition of the transposed leading POD modes, in
-    order. These sensors are chosen to reconstruct the pressure field, not the latents: each pivot is the sensor whose
-    row of the modes is longest after the components along the earlier pivots are removed (Manohar, Brunton, Kutz and
-    Brunton, "Data-driven sparse sensor placement for reconstruction", IEEE Control Systems Magazine 38, 2018)."""
+    """Compute a QR decomposition of the transposed leading POD modes; return its first `count` pivots, in order. These
+    sensors are chosen to reconstruct the pressure field, not the latents: each pivot is the sensor whose row of the
+    modes is longest after the components along the earlier pivots are removed (Manohar, Brunton, Kutz and Brunton,
+    "Data-driven sparse sensor placement for reconstruction", IEEE Control Systems Magazine 38, 2018)."""
     pressure = rows.inputs[:, : rows.sensors].cpu().numpy().astype(np.float64)
     pressure -= pressure.mean(axis=0)
     _, vectors = np.linalg.eigh(pressure.T @ pressure)

@@ -47,7 +47,7 @@ class Ranking:
 
     @property
     def std(self) -> Array:
-        """Sample standard deviation of the N sensors' scores over the repeats, (N,); zero for a single repeat."""
+        """Sample standard deviation of the N sensors' scores over the repeats, (N,); 0 if there is one repeat."""
         return self.scores.std(axis=0, ddof=1) if len(self.scores) > 1 else np.zeros(self.scores.shape[1])
 
     def top(self, count: int) -> tuple[str, ...]:
@@ -61,7 +61,7 @@ class Ranking:
         return not self.differences(count)
 
     def differences(self, count: int) -> Mapping[str, float]:
-        """Return the sensors that are among the best in some repeats only, each with the fraction of these repeats. The
+        """Return the sensors that are among the best in some repeats only, each with its fraction of the repeats. The
         sensors are in the order of `names`; the result is empty if the set is stable."""
         repeats = len(self.scores)
         counts = Counter(name for scores in self.scores for name in self._names(_best(scores, count)))
@@ -84,7 +84,7 @@ GIVEN: Final = "given"
 
 @dataclass(frozen=True, kw_only=True)
 class SensorChoice:
-    """The chosen sensors and the method. Fields other than `method` and `order` are None except for SHAP.
+    """The chosen sensors and the method. For methods other than SHAP, all fields except `method` and `order` are None.
 
     Attributes:
         method: "shap.GradientExplainer", another of `train.selection.methods.METHODS`, or "given".

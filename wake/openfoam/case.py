@@ -1,8 +1,8 @@
 """An icoFoam case of the truck: schemes, solvers, boundaries, sensors, and function objects for measurements.
 
 `timeVaryingMappedFixedValue` reads a patch's velocity at each listed instant from a file, and ramps linearly between
-instants. The velocity is uniform at the inlet and a parabola over each slot. A case without control lists the beginning
-and a time that is never reached. A case in closed loop lists the end of every time step, and its files are named pipes.
+instants. The velocity is uniform at the inlet and a parabola over each slot. A case without control lists its start and
+a time that is never reached. A case in closed loop lists the end of every time step, and reads from named pipes.
 
 The pressure on a wall face equals the pressure in its cell (zero normal gradient at the wall), so a sensor's pressure
 is interpolated linearly along the wall between the two nearest faces.
@@ -74,7 +74,7 @@ def write_rest(folder: Path, mesh: Mesh) -> None:
 
 def write_pipes(folder: Path, mesh: Mesh, *, dt: float, steps: int, action: float, stream: float = 1.0) -> None:
     """Write the velocity files of a case in closed loop. Jets and inlet start from `action` and `stream`. The end of
-    every time step is an instant; its folder is a link to the folder with the patch's pipe."""
+    every time step is an instant. The folder of an instant is a link to the folder with the patch's pipe."""
     for patch in DRIVEN:
         data, end = _begin(folder, mesh, patch, action, stream), pipe(folder, patch)
         end.parent.mkdir(parents=True)
@@ -121,8 +121,8 @@ def sensor_weights(mesh: Mesh) -> Array:
 
 
 def slot_shares(cells: int) -> Array:
-    """Return the fraction of a slot's flow through each of its equal faces, (cells,), as exact integrals of the jet's
-    parabolic profile."""
+    """Return the fractions of a slot's flow that pass through its equal faces, (cells,). They are exact integrals of
+    the jet's parabolic profile."""
     s = np.linspace(0.0, 1.0, cells + 1)
     return np.diff(s**2 * (3.0 - 2.0 * s))
 
@@ -146,7 +146,7 @@ def _between(along: Array, wall: npt.NDArray[np.bool_], place: float) -> Array:
 
 
 FORCE_OBJECTS: Final = {"truck": "forcesTruck", "jetUpper": "forcesJetUpper", "jetLower": "forcesJetLower"}
-"""Names of the function objects that measure the force on each patch, by patch."""
+"""The name of the function object that measures the force on a patch, by the patch's name."""
 PRESSURES: Final = "wallPressures"
 PROBE_OBJECT: Final = "wakeProbe"
 
@@ -176,8 +176,8 @@ def write_start(folder: Path, velocity: Array, pressure: Array) -> None:
 def write_settings(
     folder: Path, mesh: Mesh, config: FlowConfig, *, end: float, dt: float, steps_per_write: int, steps_per_sample: int
 ) -> None:
-    """Write all files of the case except mesh and fields. The end and the time step are in t_c; the last arguments are
-    the numbers of time steps between written states and between measurements."""
+    """Write all files of the case except mesh and fields. `end` and `dt` are in t_c. `steps_per_write` and
+    `steps_per_sample` are the numbers of time steps between two written states and between two measurements."""
     viscosity = f"[0 2 -1 0 0 0 0] {1.0 / config.reynolds:.12g}"
     files: dict[str, dict[str, Any]] = {
         "constant/transportProperties": {"nu": viscosity},
@@ -214,8 +214,8 @@ _SOLVERS: Final[dict[str, Any]] = {
 
 
 def _control(mesh: Mesh, end: float, dt: float, steps_per_write: int, steps_per_sample: int) -> dict[str, Any]:
-    # The function objects for forces read executeControl and executeInterval; those for probes read writeControl and
-    # writeInterval. Each object gets all four entries.
+    # The function objects for forces read executeControl and executeInterval; the function objects for probes read
+    # writeControl and writeInterval. Each object gets all four entries.
     every_sample = {
         f"{what}{setting}": value
         for what in ("execute", "write")

@@ -28,7 +28,7 @@ def block(name: str, entries: Mapping[str, Any], indent: str = "") -> str:
 
 
 def vectors(xy: Array) -> str:
-    """Return the text of a list of n vectors in the plane z = 0, from their x and y, (n, 2)."""
+    """Return the text of a list of n vectors with the given x and y, (n, 2), and z = 0."""
     return numbers([f"({x:.17g} {y:.17g} 0)" for x, y in xy])
 
 
@@ -38,7 +38,7 @@ def scalars(values: Array) -> str:
 
 
 def numbers(items: Sequence[str]) -> str:
-    """Return the text of a list, with its length in front."""
+    """Return the text of a list: its length, then its items."""
     return "\n".join([str(len(items)), "(", *items, ")"])
 
 
@@ -102,12 +102,12 @@ def parse_cells(content: bytes, name: str) -> Array:
     PlantError if the file has another format or is truncated; the message contains `name`."""
     listing = _LIST.search(content)
     if listing is None or b"scalar=64" not in content[: listing.start()]:
-        raise PlantError(f"{name}: must hold a binary list of 64-bit numbers, one a cell")
+        raise PlantError(f"{name}: must hold a binary list of 64-bit numbers, one per cell")
     width, count = _WIDTH[listing[1]], int(listing[2])
     size = 8 * width * count
     values = content[listing.end() : listing.end() + size]
     if len(values) < size:
-        raise PlantError(f"{name}: holds {len(values)} of {size} bytes of its field")
+        raise PlantError(f"{name}: truncated: holds {len(values)} of the field's {size} bytes")
     flat = np.frombuffer(values, dtype="<f8").astype(np.float64)
     return flat if width == 1 else flat.reshape(count, width)
 
@@ -119,8 +119,8 @@ _VALUES: Final = re.compile(
 
 
 def scaled(content: bytes, factor: float) -> bytes:
-    """Return a field's file with all values in cells and on patches multiplied by `factor`. The file is binary with
-    64-bit numbers."""
+    """Multiply all values of a field by `factor`, in cells and on patches. `content` is the field's binary file with
+    64-bit numbers. Returns the new file."""
     parts, done = list[bytes](), 0
     while found := _VALUES.search(content, done):
         if found["type"]:

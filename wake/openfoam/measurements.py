@@ -3,8 +3,8 @@
 The domain has depth 1, so forces in units of rho U_inf^2 W / 2 are twice the kinematic forces.
 
 icoFoam accelerates the stream between inlet and outlet by a pressure gradient, -dU/dt. Around a vehicle, the air is at
-rest and the body accelerates, so there is no such gradient. As in stillwake's solver, the samples are those of a
-vehicle: the pressures and forces of the gradient are subtracted.
+rest and the body accelerates, so there is no such gradient. The samples are for a vehicle, as in stillwake's solver:
+the pressures and forces that the gradient causes are subtracted.
 """
 
 import re
@@ -26,16 +26,16 @@ from wake.truck.surface import MOMENTUM_FACTOR
 
 _FILES: Final = {**dict.fromkeys(FORCE_OBJECTS.values(), "force.dat"), PRESSURES: "p", PROBE_OBJECT: "U"}
 
-_SAME: Final = 1e-6  # t_c by which rounded times of one instant may differ
+_SAME: Final = 1e-6  # largest difference in t_c between rounded times of one instant
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Readings:
-    """The measurements at one time: the contents of one line from each function object's file.
+    """The measurements at one time, read from one line of each function object's file.
 
     Attributes:
-        forces: kinematic forces, (3, 3, 3): for truck, upper slot and lower slot, the vectors of total, pressure and
-            viscous force.
+        forces: kinematic force vectors, (3, 3, 3). The first axis is truck, upper slot, lower slot; the second is
+            total, pressure and viscous force.
         pressures: kinematic pressures at the probed cells.
         wake: velocity at the wake probe, (3,).
     """
@@ -47,7 +47,7 @@ class Readings:
     def require_finite(self, t: float) -> None:
         """Raise PlantError if a number is not finite, as in a diverged flow; t is the time of the measurement."""
         if not all(np.isfinite(values).all() for values in (self.forces, self.pressures, self.wake)):
-            raise PlantError(f"the flow diverged at t = {t:.2f}: take more time steps a control period")
+            raise PlantError(f"the flow diverged at t = {t:.2f}: take more time steps per control period")
 
 
 class Instruments:
@@ -85,10 +85,10 @@ class Instruments:
 
 
 def _buoyancy(mesh: Mesh, patch: str) -> float:
-    """Return the force in x that a pressure with gradient -1, zero at the outlet, exerts on a patch. The forces on all
-    patches of a closed body add up to the body's area."""
+    """Return the force in x that a pressure with gradient -1 and the value 0 at the outlet exerts on a patch. The
+    forces on all patches of a closed body add up to the body's area."""
     ends = mesh.points[mesh.patches[patch]]
-    # The flow is on the left of an edge, so this is the area of the wall in x, positive if the wall faces downstream.
+    # The flow is on the left of an edge, so `facing` is the wall's area in x, positive if the wall faces downstream.
     facing = ends[:, 0, 1] - ends[:, 1, 1]
     return float((mesh.patch_centres(patch)[:, 0] - DOMAIN_X[1]) @ facing)
 

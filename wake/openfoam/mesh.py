@@ -45,8 +45,8 @@ class Mesh:
         cells: vertex indices of each cell counter-clockwise, (m, 4).
         edges: internal edges as vertex pairs (k, 2), sorted by `owner` and then `neighbour`.
         owner, neighbour: cells to the left and right of each internal edge, (k,); owner < neighbour.
-        patches: edges of each patch, (k, 2), with the flow on the left; in the order of their cells, which are in
-            `patch_cells` (k,).
+        patches: edges (k, 2) of each patch, with the flow on their left. `patch_cells` has their cells (k,) in the same
+            order.
     """
 
     points: Array
@@ -83,12 +83,12 @@ def truck_mesh(refinement: float = 1.0) -> Mesh:
     cells."""
     slot_cells = len(graded_faces(_ACROSS, HALF_WIDTH - JET_WIDTH, HALF_WIDTH, refinement)) - 1
     if slot_cells < 2:
-        raise ConfigError(f"refinement = {refinement}: gives {slot_cells} cells a slot, must give at least 2")
+        raise ConfigError(f"refinement = {refinement}: gives {slot_cells} cells per slot, must give at least 2")
     wake_x = graded_faces(_WAKE, LENGTH, DOMAIN_X[1], refinement)
     around, body = _around(refinement, wake_x)
     across = _across(refinement)
 
-    # The points of the block around the body come first, then the wake block's points without the shared edges.
+    # The points of the block around the body come first, then the wake block's points that are not on a shared edge.
     columns, rows = around.shape[:2]
     ring = np.arange(columns * rows).reshape(columns, rows)
     inner = np.arange(len(wake_x) * (len(across) - 2)).reshape(len(wake_x), -1) + ring.size
@@ -165,9 +165,9 @@ def _quads(block: Index) -> Index:
 
 
 def _match(cells: Index, n: int) -> tuple[Index, Index, Index, Index]:
-    """Return four arrays with an entry for each of the four edges of each cell: the vertex pair, with the cell on the
-    left; the cell; the index of the same edge's entry for the other cell, or -1 at a boundary; and a code of the vertex
-    pair."""
+    """Return four arrays with an entry for each edge of each cell. They hold the edge's vertex pair, with the cell on
+    its left; the cell; the index of the entry for the same edge of the other cell, or -1 at a boundary; and a code of
+    the vertex pair."""
     pairs = np.stack([cells, np.roll(cells, -1, axis=1)], axis=2).reshape(-1, 2)
     cell = np.repeat(np.arange(len(cells)), 4)
     code, reverse = pairs @ np.array([n, 1]), pairs @ np.array([1, n])

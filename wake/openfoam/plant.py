@@ -1,7 +1,7 @@
 """The second plant: OpenFOAM's icoFoam solves the flow on a body-fitted mesh. The truck, the jets and the clock are the
 same as in stillwake's own solver.
 
-The interface is that of `wake.truck.truck_wake.TruckWake`, with two limits. The duration of a run is limited, because
+This plant has the interface of `wake.truck.truck_wake.TruckWake`, with two limits. A run's duration is limited, because
 icoFoam needs all times in advance. States exist only at a control period's end, where icoFoam writes its fields.
 """
 
@@ -67,7 +67,7 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         duration: longest time that can be run after a `reset`, in t_c.
 
     Attributes:
-        wind: a function of time that returns by how much the wind exceeds U_inf; None for a steady wind. States do
+        wind: a function of time that returns by how much the wind exceeds U_inf; None if it is steady. States do
             not hold the wind.
     """
 
@@ -110,8 +110,8 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
 
     def reset(self, state: FoamState) -> Sample:
         """Restart icoFoam from a state. The restart is not exact: one control period later, the forces differ by a
-        fraction of a percent from the forces of an uninterrupted run. Raises PlantError if the state is of another mesh
-        or not finite, or icoFoam does not start."""
+        fraction of a percent from the forces of an uninterrupted run. Raises PlantError if the state has another mesh
+        or is not finite, or icoFoam does not start."""
         velocity = state.velocity
         if len(velocity) != len(self.mesh.cells):
             raise PlantError(f"flow state has {len(velocity)} cells, this mesh has {len(self.mesh.cells)}")
@@ -164,7 +164,7 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         self._readings = self._follower.read()
         self._substep += substep - into
         self._action = target if substep == last else start + (target - start) * (substep - into) / (last - into)
-        # `sample` has the same check, but a run need not call `sample` after its last step.
+        # `sample` checks this too, but a run need not call `sample` after its last step.
         self._readings.require_finite(self.t)
 
     def sample(self) -> Sample:

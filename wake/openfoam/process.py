@@ -2,9 +2,9 @@
 
 The boundary condition of jets and inlet (`wake.openfoam.case`) reads the velocity at listed instants from one file for
 each instant. In the time step after an instant, the condition opens the file of the next instant. Here the end of every
-time step is an instant, and its file is a named pipe for each patch. So icoFoam waits at the start of each time step
-until the velocities at the step's end arrive. By then icoFoam has written all measurements of the previous step. A ramp
-can then start at any time step of a control period, as in stillwake's solver.
+time step is an instant, and the files are named pipes, one for each patch. So icoFoam waits at the start of each time
+step until the velocities at the step's end arrive. By then icoFoam has written all measurements of the previous step. A
+ramp can then start at any time step of a control period, as in stillwake's solver.
 """
 
 import ctypes
@@ -27,9 +27,9 @@ from wake.openfoam.mesh import Mesh
 LOG: Final = "log.icoFoam"
 PROGRAM: Final = "icoFoam"
 
-_SHARE: Final = "/usr/share/openfoam"  # where the Debian package keeps its settings
+_SHARE: Final = "/usr/share/openfoam"  # folder of the settings of the Debian package
 _GRACE_S: Final = 5.0
-_TAIL: Final = 6  # lines of the log in an error
+_TAIL: Final = 6  # number of the log's last lines in an error message
 _PR_SET_PDEATHSIG: Final = 1
 
 
@@ -162,5 +162,5 @@ class IcoFoam(NeverCopied):
 
 
 def _die_with_parent() -> None:
-    """Let the kernel end the child when the thread that started the child ends, for whatever reason."""
+    """Let the kernel end the child process when the thread that started it ends for any reason."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -1,6 +1,6 @@
 """A state from which an icoFoam run can continue: its field files, the measurements at that time, and the jets.
 
-The wake without jets is computed once by icoFoam; it is stored, and closed-loop runs start from it.
+icoFoam computes the wake without jets only once. The result is stored, and closed-loop runs start from this state.
 """
 
 import json
@@ -29,10 +29,10 @@ from wake.truck.state import State, developed_state
 
 STATE_SCHEMA: Final = "stillwake-openfoam/1"
 
-# The files of velocity, pressure and the flux through every face; U_0 and phi_0 are older values of U and phi.
+# The files of velocity, pressure and the flux through every face; U_0 and phi_0 are U and phi of the step before.
 _FIELDS: Final = ("U", "p", "phi", "U_0", "phi_0")
 _POWERS: Final = dict.fromkeys(_FIELDS, 1) | {"p": 2}
-"""The power of the velocity to which each field is proportional."""
+"""The exponent n for each field; the field is proportional to the velocity's n-th power."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,7 +86,7 @@ def read_fields(folder: Path) -> dict[str, bytes]:
 
 
 def put(state: FoamState, folder: Path) -> None:
-    """Write a state as the start of a case, t = 0."""
+    """Write a state into a case as the case's state at t = 0."""
     start = folder / "0"
     (start / "uniform").mkdir(parents=True, exist_ok=True)
     for name, content in state.files.items():
@@ -96,7 +96,7 @@ def put(state: FoamState, folder: Path) -> None:
 
 def written(folder: Path, dt: float) -> FoamState:
     """Read the last state of a case without jets, and set its clock to zero. Raises PlantError if there is no state
-    after 0."""
+    after t = 0."""
     latest = foam_files.latest(folder)
     if latest is None:
         raise PlantError(f"{folder}: icoFoam has written no state")
@@ -116,8 +116,8 @@ def save(path: Path, state: FoamState, facts: str) -> None:
 
 
 def load(path: Path) -> tuple[FoamState, str]:
-    """Read a state and the line that describes its settings. Raises PlantError if the file is missing, damaged or of
-    another schema."""
+    """Read a state and the line that describes its settings. Raises PlantError if the file is missing or damaged, or
+    has another schema."""
     try:
         data = read_npz(path)
         about = json.loads(data.text("about"))
@@ -136,9 +136,9 @@ def load(path: Path) -> tuple[FoamState, str]:
 
 
 def from_own_solver(state: State, mesh: Mesh) -> tuple[Array, Array]:
-    """Interpolate a state on the grid of refinement 1 linearly to velocity (m, 2) and kinematic pressure (m,) in the
-    mesh's m cells. Values between the grid's outermost points and the boundary are extrapolated. The first time step
-    removes the divergence that the interpolation leaves."""
+    """Interpolate a state linearly from the grid of refinement 1 to the mesh's m cells. Returns velocity (m, 2) and
+    kinematic pressure (m,). Values between the grid's outermost points and the boundary are extrapolated. The first
+    time step removes the divergence that the interpolation leaves."""
     grid = truck_grid()
     flow, at = Flow.of(state.flat, grid.shape), mesh.centres
     return np.column_stack([at_points(flow, grid, name, at) for name in ("u", "v")]), at_points(flow, grid, "p", at)
@@ -188,10 +188,10 @@ def _settle(folder: Path, mesh: Mesh, config: FlowConfig, foam: OpenFoamConfig, 
 def developed(
     folder: Path, config: FlowConfig, foam: OpenFoamConfig, progress: _Progress = lambda t, total: None
 ) -> FoamState:
-    """Return the developed wake. It is read from `folder/developed.npz` if it was computed with these settings.
-    Otherwise it is computed, in minutes, from the developed wake of stillwake's solver, and stored in this file. A
-    later call continues an interrupted computation. Raises PlantError if icoFoam is missing or fails, or the stored
-    file is damaged."""
+    """Return the developed wake. If `folder/developed.npz` has a wake for these settings, this wake is read. Otherwise
+    the wake is computed, in minutes, from the developed wake of stillwake's solver, and stored in this file. A later
+    call continues an interrupted computation. Raises PlantError if icoFoam is missing or fails, or the stored file is
+    damaged."""
     require_installed()
     mesh, path = truck_mesh(foam.refinement), folder / "developed.npz"
     facts = f"{len(mesh.cells)} cells, Re {config.reynolds:g}, {foam.develop_time:g} t_c at 1/{foam.develop_substeps}"
@@ -201,7 +201,7 @@ def developed(
         kept, made_with = load(path)
         if made_with == facts:
             return kept
-    # The case is named after its settings, because it must not be continued with other settings.
+    # The case's name contains its settings, because a case must not be continued with other settings.
     work = folder / re.sub(r"[^\w.]+", "-", f"developing {facts}")
     _settle(work, mesh, config, foam, progress)
     state = written(work, dt=config.control_period / foam.develop_substeps)

@@ -1,5 +1,5 @@
-"""The pictures of the flow around the truck or another body, with its jets and sensors, and their animation as a GIF or
-WebP file by Pillow.
+"""The pictures of the flow around the truck or another body, with jets and sensors. Pillow writes animations of these
+pictures as GIF or WebP files.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -59,8 +59,8 @@ class WakePicture:
     It shows a field in colour, the body, arrows for the jets, and the sensors' Cp. The colour scales are fixed.
 
     Args:
-        kind: field in colour, which is the vorticity or Cp in the flow.
-        sensor_names: sensors that are coloured by their Cp (None: all sensors); other sensors are small dots.
+        kind: field that is drawn in colour: the vorticity, or Cp in the flow.
+        sensor_names: sensors that are coloured by their Cp; None means all. Other sensors are small dots.
         width: width of the picture in pixels.
     """
 
@@ -106,7 +106,7 @@ class WakePicture:
         self.figure.colorbar(self._image, label=_LABEL[kind], **bars)
 
     def update(self, title: str | None = None) -> Figure:
-        """Show the plant's present state, with the given title or with time, wall drag and action as the title."""
+        """Show the plant's present state. If `title` is None, the title states time, wall drag and action."""
         sample = self._wake.sample()
         field = self._wake.vorticity() if self._kind == "vorticity" else self._wake.pressure()
         self._image.set_data(self._raster(np.asarray(field)))
@@ -145,7 +145,7 @@ class WakePicture:
 
 
 def vorticity_figure(wake: Drawable, highlight: tuple[str, ...] = (), title: str = "") -> Figure:
-    """Draw the present vorticity around the body. Cp colours the sensors in `highlight`, or all if it is empty."""
+    """Draw the present vorticity. The sensors in `highlight` show Cp; if `highlight` is empty, all sensors show Cp."""
     return WakePicture(wake, "vorticity", highlight or None).update(title)
 
 
@@ -171,8 +171,8 @@ def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Fi
 def draw_mean(
     axes: Axes, grid: Grid, body: BodyConfig, mean: Flow, view: View, *, density: tuple[float, float]
 ) -> AxesImage:
-    """Draw the part `view` of a mean flow: u in colour, streamlines of this density, the edge of the backward flow, and
-    the body."""
+    """Draw the area `view` of a mean flow: u in colour, streamlines with the given density, the edge of the backward
+    flow, and the body."""
     raster = Raster.of(grid.xc, grid.yc, view, 900)
     u, v = (raster(component) for component in velocity(mean))
     x, y = np.meshgrid(raster.x, raster.y)
@@ -194,7 +194,7 @@ def check_suffix(path: Path) -> None:
 
 
 def save_figure(path: Path, figure: Figure) -> None:
-    """Write the figure in the format of the name's ending, completely or not at all. Raises as `check_suffix` does."""
+    """Write the figure atomically, in the format that the name's ending states. Raises as `check_suffix` does."""
     check_suffix(path)
     with replacing(path) as temporary:
         figure.savefig(temporary, format=path.suffix[1:].lower())
@@ -251,13 +251,13 @@ class MovingPicture(Protocol):
     figure: Figure
 
     def record(self) -> None:
-        """Record the plant's present state; called after every control period from the first frame on."""
+        """Record the present state; `animate` calls this after every control period from the first frame on."""
 
     def pixels(self) -> Pixels:
         """Draw the present state as RGB pixels (height, width, 3)."""
 
     def palette(self) -> Array:
-        """Return the n <= 256 colours for a GIF, (n, 3), from 0 to 1."""
+        """Return the colours for a GIF, (n, 3) from 0 to 1; n is at most 256."""
 
 
 def animate(
@@ -273,12 +273,12 @@ def animate(
     progress: _Progress = lambda done, total: None,
 ) -> int:
     """Run the plant from its present state to the end of the actions, and write the animation, completely or not at
-    all. Return the number of frames. Raises ConfigError for another file type, or a run without frames; PlantError for
-    an action beyond the bound, or if the flow diverges.
+    all. Return the number of frames. Raises ConfigError if the file type is not supported or the run has no frame;
+    PlantError if an action exceeds the bound or the flow diverges.
 
     Args:
         path: file to write; its name ends in .gif or .webp.
-        picture: draws the plant `wake`.
+        picture: picture of the plant `wake`.
         actions: commands for n control periods, (n,), in U_inf W.
         skip: number of control periods before the first frame.
         every: number of control periods between frames.

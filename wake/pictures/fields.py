@@ -1,7 +1,7 @@
 """The fields of a flow for pictures: values in the cell centres, averages over time, and an interpolation to pixels.
 
-The picture in levels is for the live page, the run folder and the report. Levels are small integers. They take little
-space, and the page that shows them chooses the colours.
+The picture in levels is for the live page, the run folder and the report. Levels are small integers. Levels take little
+space, and the page that shows the picture chooses the colours.
 """
 
 from collections.abc import Callable
@@ -30,8 +30,8 @@ def velocity(flow: Flow) -> tuple[Array, Array]:
 
 
 class TimeMean:
-    """The mean of flows on one grid. Pressures and forces on the wall are linear in a flow's buffer, so the mean buffer
-    gives their means."""
+    """The mean of flows on one grid. Wall pressures and forces are linear functions of a flow's buffer, so the mean
+    buffer gives the mean pressures and forces."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self._sum = Flow.zeros(shape)
@@ -65,9 +65,9 @@ def mean_flow(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Raster:
-    """A linear interpolation from the nodes of a tensor grid to square pixels with centres x (width,) and y (height,),
-    both rising. `across` (width, len(nodes_x)) and `up` (height, len(nodes_y)) hold the weights of the nodes for each
-    pixel."""
+    """A linear interpolation from the nodes of a tensor grid to square pixels. The pixels' centres are x (width,) and y
+    (height,), in rising order. `across` (width, len(nodes_x)) and `up` (height, len(nodes_y)) hold the weights of the
+    nodes for each pixel."""
 
     x: Array
     y: Array
@@ -127,7 +127,7 @@ _HALF_HEIGHT: Final = 2.25
 
 
 class LevelPicture:
-    """A picture of a plant's present vorticity; its level is 0 inside the body. `view` are the x and y limits in W,
+    """A picture of a plant's present vorticity. The level is 0 inside the body. `view` has the x and y limits in W;
     `size` is (width, height) in pixels."""
 
     def __init__(self, wake: Drawable) -> None:

@@ -1,10 +1,9 @@
 """The free stream as a function of time: gusts, and the speed of a vehicle from a shipped profile or a user's file.
 
 The plant computes in units of one speed U, the speed of the operating point. At a vehicle speed v the free stream is v
-/ U; viscosity, size and control period do not change. A gust is a wind against the body that varies in time and is
-uniform far from the body. A gust is computed as a change of the body's speed through the air
-(`wake.solver.navier_stokes`), so that pressures remain relative to the free stream. Forces and pressures are made
-dimensionless with the mean U_inf.
+/ U; viscosity, size and control period do not change. A gust is a head wind that varies in time and is uniform far from
+the body. A gust is computed as a change of the body's speed through the air (`wake.solver.navier_stokes`), so that
+pressures remain relative to the free stream. Forces and pressures are made dimensionless with the mean U_inf.
 """
 
 import csv
@@ -45,7 +44,7 @@ MOST_RATIO: Final = 2.0
 """Largest ratio of a vehicle speed to U. Re is then 1000; at larger ratios the mesh does not resolve the wake."""
 _MOST_ROWS: Final = 100_000
 DESIGN_KM_PER_H: Final = 90.0
-"""Speed in the WLTC that becomes U. With U = 25 m/s the profile is the original cycle."""
+"""The speed in the WLTC that is scaled to U. With U = 25 m/s the profile is the original cycle."""
 
 _WLTC: Final = """
 60.2 62.3 64.7 67.1 69.2 70.7 71.9 72.7 73.4 73.8 74.1 74.0 73.6 72.5 70.8 68.6 66.2 64.0 62.2 60.9 60.2 60.0 60.4 61.4
@@ -64,8 +63,8 @@ class Drive:
     Attributes:
         name: name of the profile or of the user's file.
         times, speeds: instants in s, rising, and the speed in m/s at each instant.
-        gust: wind that is added to the vehicle's speed; its times are in t_c at the speed U, from the drive's first
-            instant.
+        gust: wind that is added to the vehicle's speed. Its times are in t_c at the speed U and start at the drive's
+            first instant.
     """
 
     name: str

@@ -80,7 +80,7 @@ class Disturbable(Plant, Protocol):
         """Time in t_c."""
 
     def set_reynolds(self, reynolds: float) -> None:
-        """Change the viscosity to that of another Reynolds number; the flow continues from its present state."""
+        """Set the viscosity for another Reynolds number; the flow continues from its present state."""
 
 
 @runtime_checkable
@@ -99,7 +99,7 @@ class Drivable(Disturbable, Protocol):
 
 class SteppedPlant(Plant):
     """A plant that takes `config.substeps` time steps in a control period. This class has the plant's clock and checks
-    its commands; a subclass defines `advance_to` and `sample`."""
+    the commands; a subclass defines `advance_to` and `sample`."""
 
     config: FlowConfig
     _substep: int

@@ -1,5 +1,5 @@
-"""The job of recording one episode block by block, and an unfinished recording on disk. A job holds all data that a
-process needs, including a controller.
+"""The job that records one episode block by block, and the folder of an unfinished recording. A job holds all data that
+a process needs, including a controller.
 
 `task.json` holds the recording's settings, so that only a call with equal settings continues it. `owner` holds the
 token of the call that records; a worker stops when it finds another token. Each block has a file of samples, and a file
@@ -60,7 +60,7 @@ class PartsFolder:
             if begun != task:
                 raise StillwakeError(
                     f"{self.path} holds an unfinished recording with other settings ({differing(begun, task)}): finish "
-                    f"it with these settings, or delete it first"
+                    f"it with its own settings, or delete it first"
                 )
         else:
             # No block is recorded yet, so the settings of an earlier call may be replaced.
@@ -70,14 +70,14 @@ class PartsFolder:
             temporary.write_text(owner)
 
     def is_owned_by(self, owner: str) -> bool:
-        """Return whether the call with this token owns the folder; also False if the folder cannot be read here."""
+        """Return whether the call with this token owns the folder; False if this machine cannot read the folder."""
         try:
             return self._owner.read_text() == owner
         except OSError:
             return False
 
     def disown(self, owner: str) -> None:
-        """End the ownership of the call with this token, and remove the folder if it holds no samples. Do nothing if
+        """End the ownership of the call with this token. If the folder holds no samples, also remove it. Do nothing if
         another call owns the folder."""
         if not self.is_owned_by(owner):
             return
@@ -119,7 +119,7 @@ class PartsFolder:
 
 
 def differing(a: Mapping[str, Any], b: Mapping[str, Any]) -> str:
-    """List the names of the entries that are not equal."""
+    """List the names of the entries in which `a` and `b` differ."""
     return ", ".join(sorted(key for key in a.keys() | b.keys() if a.get(key) != b.get(key)))
 
 
@@ -200,8 +200,8 @@ class Policy(Protocol):
         """Return the controller's memory before the first sample."""
 
     def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
-        """Compute the command at t_k and the new memory, without changing `memory`. Raises StillwakeError if there is
-        no command.
+        """Compute the command at t_k and the new memory, without changing `memory`. Raises StillwakeError if the
+        controller gives no command.
 
         Args:
             memory: memory that the previous step returned.
@@ -236,8 +236,8 @@ class EpisodeJob:
         owner: token of the call of `record` that created the job; the job stops when another call owns the folder.
         block_steps: number of control steps between two writes to disk.
         setting: all settings that the samples depend on; see `setting_of`.
-        policy: builds the controller; by default there is none, and only the plan's signal drives the jets.
-        start: absolute path of the flow state in which the steps without forcing begin; None for the shipped state.
+        policy: function that builds the controller; by default, only the plan's signal drives the jets.
+        start: absolute path of the state from which the steps without forcing start; None means the shipped state.
     """
 
     parts: PartsFolder
@@ -262,7 +262,7 @@ class EpisodeJob:
             raise StillwakeError(f"{platform.node()} does not find {self.parts.path}: it must be in a shared folder")
         mine = setting_of(self.config, self.plan.packages, self.start)
         if mine != self.setting:
-            raise StillwakeError(f"{platform.node()} has another value of: {differing(mine, self.setting)}")
+            raise StillwakeError(f"{platform.node()} has other values of {differing(mine, self.setting)}")
         plan, blocks = self.plan, self.blocks
         if blocks.finished == plan.steps:
             return
@@ -303,7 +303,7 @@ class EpisodeJob:
 
 
 def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | None = None) -> dict[str, Any]:
-    """Return all settings outside the plan that determine the samples, including the versions of `packages`, as plain
+    """Return all settings that determine the samples and are not in the plan, with the versions of `packages`, as plain
     JSON. Raises PlantError if the start's file cannot be read."""
     return {
         "body": asdict(config.body),
@@ -343,8 +343,8 @@ def _advance(
     wake: TruckWake, sample: Sample, policy: Policy, memory: Array, signal: Array
 ) -> tuple[Series, Sample, Array]:
     """Return the samples of a block from `sample` on, the sample after the block, and the policy's memory at the
-    block's end. Each action is the policy's command plus the signal, clipped to the bound; the policy receives it one
-    step later."""
+    block's end. Each action is the policy's command plus the signal, clipped to the bound; the policy receives this
+    action one step later."""
     rows: list[Sample] = []
     actions = np.empty(len(signal))
     limit = wake.config.action_limit

@@ -1,10 +1,10 @@
 """The open-loop forcing signals (paper, section 2.1), the exploration noise, and the plans of a recording's episodes.
 
-Rounds of episodes are added to a data set. They run under a controller or from the steady wake. A round under a
-controller adds the flow states that the controller of the last round reaches (DAgger: Ross, Gordon and Bagnell 2011).
-Calm episodes begin at the steady wake. Small random actions disturb this wake, and the disturbances grow up to
-shedding. The amplitude of the actions differs between episodes. A model that is trained without calm episodes predicts
-a wrong growth, because no other episode comes near the steady wake.
+A round is a set of episodes that is added to a data set. Its episodes run under a controller or from the steady wake. A
+round under a controller adds the flow states that the controller of the last round reaches (DAgger: Ross, Gordon and
+Bagnell 2011). Calm episodes begin at the steady wake. Small random actions disturb this wake, and the disturbances grow
+until vortices are shed. The amplitude of the actions differs between episodes. A model that is trained without calm
+episodes predicts a wrong growth, because no other episode comes near the steady wake.
 """
 
 from collections.abc import Callable, Mapping
@@ -44,8 +44,8 @@ def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.rando
 
 
 def sine(steps: int, flow: FlowConfig, *, amplitude: float, frequency: float) -> Array:
-    """Compute a sine that rises from zero, (steps,), in U_inf W; the frequency is in 1/t_c. Raises ConfigError for an
-    amplitude above the bound, or a frequency that is not positive or above the control steps' Nyquist frequency."""
+    """Compute a sine that rises from zero, (steps,), in U_inf W; the frequency is in 1/t_c. Raises ConfigError if the
+    amplitude exceeds the bound, or if the frequency is not positive or exceeds the control steps' Nyquist frequency."""
     if not 0.0 <= amplitude <= flow.action_limit:
         raise ConfigError(f"amplitude = {amplitude}: must be between 0 and {flow.action_limit}")
     highest = 0.5 / flow.control_period
@@ -121,7 +121,7 @@ class EpisodePlan:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """The plan's entries in the provenance that the data set stores, as plain JSON."""
+        """The plan's entries for the episode's provenance in the data set, as plain JSON."""
         return {"forcing_signal": self.forcing, "seed": self.seed, "lead_steps": self.lead}
 
     def signal(self, config: Config) -> npt.NDArray[np.float64]:
@@ -130,10 +130,11 @@ class EpisodePlan:
 
 
 def paper_plans(seed: int = 1) -> tuple[EpisodePlan, ...]:
-    """Return the plans of the paper's data set (section 2.1, appendix A): 50,000 forced and 2,500 unforced steps for
-    training, 10,000 each of chirp and extended chirp. The training steps are split into independent episodes with seeds
-    `seed`, `seed` + 1, ... The episodes start at phases that are spread evenly over a shedding cycle, so that they
-    differ in more than the forcing. A chirp cannot be split, because its sweep rate depends on its duration."""
+    """Return the plans of the paper's data set (section 2.1, appendix A): 50,000 forced and 2,500 unforced training
+    steps, 10,000 steps of the chirp, and 10,000 of the extended chirp. The training steps are split into independent
+    episodes with seeds `seed`, `seed` + 1, ... The episodes start at phases spread evenly over a shedding cycle, so
+    that they differ in more than the forcing. A chirp cannot be split, because its sweep rate depends on its
+    duration."""
     count = _PAPER_TRAINING_EPISODES
     training = (
         EpisodePlan(forcing="training", steps=50_000 // count, seed=seed + i, lead=round(SHEDDING_PERIOD * i / count))
@@ -158,14 +159,14 @@ class RoundPlan:
     Attributes:
         kind: "controlled" for an episode from the developed wake, "calm" for an episode from the steady wake. This word
             is also the role of a held-out episode.
-        round: number of the addition to the data set, from 1.
+        round: number of the round in the data set, from 1.
         episode: number of the episode in the round, from 0.
         level: rms of the random action, which is added to the commands if there is a controller. It is a fraction of
             the action limit; for a calm episode it is in U_inf W.
         role: "train" or, for a held-out episode, the kind.
         seed: random seed. The seed, round, episode and role determine the random action, so that rounds differ.
         lead: number of control steps without forcing from the start to the first sample.
-        bundle, bundle_digest: bundle of the controller, and its digest; None without a controller.
+        bundle, bundle_digest: bundle of the controller, and the bundle's digest; None if there is no controller.
     """
 
     kind: Literal["controlled", "calm"]
@@ -205,7 +206,7 @@ class RoundPlan:
 
 
 Plan = EpisodePlan | RoundPlan
-"""The plan of one episode. All plans of a recording have different field values."""
+"""The plan of one episode. Two plans of a recording differ in at least one field."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,8 +227,8 @@ class ControlledRound:
         _check(self, get_args(ControlledRole), {"episodes": 1, "steps": 1, "seed": 0, "exploration": 0.0})
 
     def plans(self, number: int) -> tuple[RoundPlan, ...]:
-        """Return the plans of round `number`. Their episodes begin in random phases of the shedding cycle, which follow
-        from seed, round and role. Phases repeat only if there are more episodes than control steps in the cycle."""
+        """Return the plans of round `number`. Seed, round and role determine the random phases of the shedding cycle in
+        which the episodes begin. Phases repeat only if there are more episodes than control steps in the cycle."""
         rng = np.random.default_rng([self.seed, number, get_args(ControlledRole).index(self.role)])
         leads = rng.permutation(SHEDDING_PERIOD)
         places = ((self.exploration, int(leads[i % SHEDDING_PERIOD])) for i in range(self.episodes))

@@ -36,9 +36,9 @@ versions."""
 
 
 def is_finished(output: Path, jobs: Sequence[EpisodeJob]) -> bool:
-    """Return whether the file holds all episodes of the jobs, recorded with equal settings; False if there is no file.
-    Episodes that later rounds have added are not compared. Raises OutputError, with the first difference, if the file
-    holds another recording."""
+    """Return whether the file exists and holds all episodes of the jobs, recorded with equal settings. Episodes that
+    later rounds have added are not compared. Raises OutputError, with the first difference, if the file holds another
+    recording."""
     if not output.exists():
         return False
     try:
@@ -102,10 +102,10 @@ def record(
         workers: number of processes on this machine; with 1, episodes are recorded one after another in this process.
         scheduler: address of a dask scheduler whose workers record instead. They need the folder of `output` at the
             same path.
-        progress: called for every episode at first, and then after each of its blocks.
+        progress: called once for every episode at the start, and then after each block of the episode.
         notice: called with a line of text when a worker was lost or has joined.
         block_steps: number of control steps between two writes to disk.
-        start: file of the flow state in which episodes begin; the shipped state if None. Workers read it at this path.
+        start: file of the flow state in which episodes begin; None means the shipped state. Workers read this path.
         overwrite: whether an existing file is replaced, once the new file is complete.
 
     Raises:
@@ -154,7 +154,7 @@ def jobs_for(
 
 
 def task_of(jobs: Sequence[EpisodeJob]) -> dict[str, Any]:
-    """Return the settings that distinguish this recording's parts from those of other recordings, as plain JSON."""
+    """Return the settings that distinguish the parts of this recording from the parts of others, as plain JSON."""
     return {"plans": [asdict(job.plan) for job in jobs], "block_steps": jobs[0].block_steps, **jobs[0].setting}
 
 
@@ -168,7 +168,7 @@ def finished_jobs(
     notice: Callable[[str], None],
 ) -> Iterator[Sequence[EpisodeJob]]:
     """Record the missing blocks of a call's jobs, and yield the jobs. The caller then stores the jobs' episodes. If the
-    caller raises no error, the parts of the jobs are then removed. Arguments and errors are those of `record`."""
+    caller raises no error, the parts of the jobs are then removed. Arguments and errors are as for `record`."""
     parts, config = jobs[0].parts, jobs[0].config
     missing = [folder for folder in parts.path.parents if not folder.exists()]
     parts.claim(task_of(jobs), jobs[0].owner)
@@ -257,10 +257,10 @@ def record_round(
     number: one more than the highest number in the file.
 
     If a call was interrupted, the next call continues its work. If the interrupted call had already added its round,
-    the next call removes only the parts. Raises DatasetError before recording if the file is no data set, or was
+    the next call only removes the parts. Raises DatasetError before recording if the file is no data set, or was
     recorded with another schema or flow; StillwakeError and PlantError as `record` does, or the controller's error.
     `policy` builds the controller in each recording process; without it, only the plans' signals act. The other
-    parameters are those of `record`.
+    parameters are as for `record`.
     """
     jobs = partial(jobs_for, output, config=config, block_steps=block_steps, policy=policy, start=start)
     facts = {name: value for name, value in setting_of(config).items() if name in _FACTS}
@@ -282,7 +282,7 @@ def _added(jobs: Sequence[EpisodeJob], there: Sequence[Episode]) -> bool:
     if jobs[0].parts.task() != task_of(jobs) or any(job.blocks.finished < job.plan.steps for job in jobs):
         return False
     by_name = {episode.name: episode for episode in there}
-    # Actions are stored in full precision, and no two recordings have equal actions, so they identify an episode.
+    # Actions are stored in full precision and differ between recordings, so the actions identify an episode.
     return all(
         job.plan.name in by_name
         and np.array_equal(by_name[job.plan.name].series["action"], job.blocks.series()["action"])

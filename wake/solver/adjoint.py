@@ -1,13 +1,13 @@
-"""The adjoint of the flow solver: the exact transpose of the discrete step, except for rounding. It gives a scalar's
-sensitivities to an earlier flow and to the actions, if the scalar depends on later flows. The projection's operator is
+"""The adjoint of the flow solver: the exact transpose of the discrete step, except for rounding. For a scalar that
+depends on later flows, it gives the sensitivities to an earlier flow and to the actions. The projection's operator is
 symmetric, so solver and adjoint use the same Poisson solver.
 
-The compiled inner loops are the transposes of `wake.solver.kernels`, linearised about a flow.
-The word `bar` in a name denotes sensitivities: a scalar depends on later flows, and a sensitivity is its derivative
-with respect to a value. Each kernel reads the sensitivities to the outputs of its forward kernel, and adds the
-resulting terms to the sensitivities to the forward kernel's inputs. Arrays have the same padding as the forward
-kernel's arrays, and loops run over the same runs of faces. All kernels except convection are linear. Convection is
-quadratic, so the transpose of a rate needs the velocity at the rate's instant, but nothing else of the flow.
+The compiled inner loops are the transposes of `wake.solver.kernels`, linearised about a flow. The word `bar` in a name
+denotes sensitivities. A sensitivity is the derivative of the scalar with respect to a value. Each kernel reads the
+sensitivities to the outputs of its forward kernel, and adds the resulting terms to the sensitivities to the forward
+kernel's inputs. Arrays have the same padding as the forward kernel's arrays, and loops run over the same runs of faces.
+All kernels except convection are linear. Convection is quadratic, so the transpose of a rate needs the velocity at the
+rate's instant, and no other values of the flow.
 """
 
 from collections.abc import Callable
@@ -54,9 +54,9 @@ def _across(dy: Array, dyc: Array, nu: float) -> tuple[Array, Array]:
 def back_rates(bar: Flow, gained: Pair[Array], u: Array, v: Array, nu: float, spacing: Spacing) -> None:
     """Propagate sensitivities from du/dt and dv/dt (`gained`, zero on faces that are not open) to u, v and p.
 
-    The loops run row by row in x, and collect for each entry of u, v and p its effects on all rates. The alternative,
-    loops over the rates that add to the entries around each rate, would take twice the time. A loop uses at most eight
-    arrays, because the compiler does not vectorise loops with more arrays.
+    The loops run row by row in x, and collect for each entry of u, v and p its effects on all rates. Loops over the
+    rates that add to the entries around each rate would take twice the time. A loop uses at most eight arrays, because
+    the compiler does not vectorise loops with more arrays.
     """
     gu, gv = gained.u, gained.v
     real, nx, ny = u.dtype.type, u.shape[0] - 2, u.shape[1] - 2
@@ -312,7 +312,7 @@ class FlowAdjoint(CopiedWhole):
         `action_to`.
 
         Args:
-            bar: sensitivities to the flow at the run's end; overwritten with those to the flow at its beginning.
+            bar: sensitivities to the flow at the run's end; overwritten with the sensitivities at its beginning.
             starts: the flows that `FlowSolver.run` stored, (steps, size of the buffer).
             dt, action_from, action_to, wind: the arguments with which `FlowSolver.run` was called.
         """

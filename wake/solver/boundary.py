@@ -6,7 +6,7 @@ exact wall and passes through two image points in the flow, where the velocity i
 faces. On a wall along the grid lines, a reflection in one point replaces the parabola.
 
 In the mass balance a ghost carries no flow, so the mass balance sees a staircase wall. The method is still of second
-order, because the volume flow within one cell of a no-slip wall is of the order of the distance squared.
+order, because the volume flow within one cell of a no-slip wall is proportional to the distance squared.
 """
 
 from collections.abc import Callable
@@ -112,7 +112,7 @@ def _ghosts(grid: Grid, component: Component, open_faces: Mask, touched: Mask, d
         at_wall = abs(float(distance(x[i], y[j]))) < _ON_WALL
         at_edge = i in (0, open_faces.shape[0] - 1) if component == "u" else j in (0, open_faces.shape[1] - 1)
         if at_wall or at_edge:
-            continue  # a wall face keeps its prescribed normal velocity, an outer face its inflow or outflow
+            continue  # such faces keep their normal velocity, inflow or outflow
         target.append(layout.offset(component, i, j))
         for (si, sj), w in _parabola(x, y, int(i), int(j), open_faces, distance):
             source.append(layout.offset(component, si, sj))

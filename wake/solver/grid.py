@@ -1,11 +1,11 @@
 """A stretched tensor grid around a box such as the truck, with faces on every straight wall and slot edge.
 
-Staggered arrangement: p in cell centres (nx, ny), u on x-faces (nx + 1, ny), v on y-faces (nx, ny + 1). The grid is
+The grid is staggered: p is in cell centres (nx, ny), u on x-faces (nx + 1, ny), v on y-faces (nx, ny + 1). The grid is
 symmetric in y and has an even number of rows, so that the flow splits into exact even and odd halves.
 
-The buffer of a flow holds u, v and p one after another, each row by row in y and padded for the stencils. u (nx + 2, ny
-+ 2) has one layer beyond each side and one beyond the outlet. v (nx + 2, ny + 1) has one layer before the inlet and one
-beyond the outlet. p (nx + 1, ny) has one layer beyond the outlet. Unpadded indices (i, j) are those of the grid.
+A flow's buffer holds u, v and p one after another, each in rows along y and padded for the stencils. u (nx + 2, ny + 2)
+has one layer beyond each side and one beyond the outlet. v (nx + 2, ny + 1) has one layer before the inlet and one
+beyond the outlet. p (nx + 1, ny) has one layer beyond the outlet. Unpadded indices (i, j) are the grid's indices.
 """
 
 from collections.abc import Sequence
@@ -24,8 +24,8 @@ _Spacing = tuple[tuple[float, float], ...]
 """Pairs (position, target cell size). The size is linear between the positions and constant outside them."""
 
 # The wall cells are as large as the wall cells of the body-fitted reference mesh (0.0125 W, 4 cells per slot). Sides
-# and wake are as fine as the finest regions of that mesh. Along x, positions in one table are relative to the nose, in
-# the other to the base; on the body the smaller spacing applies.
+# and wake are as fine as the finest regions of that mesh. Along x there are two tables, for positions relative to the
+# nose and to the base; on the body the smaller spacing applies.
 _FROM_NOSE: _Spacing = (
     (-7.0, 0.6), (-1.0, 0.1), (-0.05, 0.0125), (0.15, 0.0125), (1.0, 0.04), (2.0, 0.06), (4.5, 0.09),
 )  # fmt: skip
@@ -45,8 +45,8 @@ class Grid:
     Attributes:
         xf, yf: coordinates of the faces, shapes (nx + 1,) and (ny + 1,).
         xc, yc: coordinates of the cell centres, shapes (nx,) and (ny,).
-        dxc, dyc: distances between the centres on both sides of each face, shapes (nx + 1,) and (ny + 1,); half cells
-            at the ends.
+        dxc, dyc: distances between the centres on both sides of each face, shapes (nx + 1,) and (ny + 1,). The first
+            and the last distance are half a cell.
         front, rear: x-face indices of the body's front and base.
         lower, upper: y-face indices of the body's sides.
         slot_cells: number of cells across each slot.
@@ -98,7 +98,7 @@ def box_grid(length: float, refinement: float = 1.0) -> Grid:
     slot_cells = len(y_parts[1]) - 1
     if slot_cells < 2:
         raise ConfigError(
-            f"refinement = {refinement:g}: gives {slot_cells} cells a slot, must give at least 2: take 0.38 or more"
+            f"refinement = {refinement:g}: gives {slot_cells} cells per slot, must give at least 2: take 0.38 or more"
         )
     half = _join(y_parts)
     yf = np.concatenate([-half[:0:-1], half])
@@ -137,8 +137,8 @@ def from_faces(xf: Array, yf: Array) -> Grid:
 
 
 def graded_faces(spacing: _Spacing, start: float, end: float, refinement: float, *others: _Spacing) -> Array:
-    """Return faces from start to end. The cell size at a position is the smallest size that `spacing` and `others` have
-    there, divided by `refinement`, and scaled so that a whole number of cells fits."""
+    """Return faces from start to end. At each position, the cell size is the smallest size in `spacing` and `others`,
+    divided by `refinement`, and scaled so that a whole number of cells fits."""
     x = np.linspace(start, end, 4001)
     sizes = np.min([np.interp(x, *np.array(spacing).T) for spacing in (spacing, *others)], axis=0)
     density = refinement / sizes

@@ -39,7 +39,7 @@ class Pair(NamedTuple, Generic[T]):
 
 
 class Domain(NamedTuple):
-    """The data that are equal in all steps.
+    """The data that do not change between steps.
 
     Attributes:
         viscosity: 1 / Re.
@@ -62,8 +62,8 @@ class Domain(NamedTuple):
 def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """Compute q = a q + du/dt on the open u-faces, including the gradient of the pressure p.
 
-    Rows are sliced to start at the run, and the x- and y-terms have separate loops. The reason is that the compiler
-    does not vectorise a loop whose indices could be negative, or whose arrays are too many to be proved distinct.
+    Rows are sliced to start at the run, and the x- and y-terms have separate loops, because the compiler does not
+    vectorise a loop whose indices could be negative, or that has too many arrays to prove that they are distinct.
     """
     real = u.dtype.type
     one, two, half, nu = real(1.0), real(2.0), real(0.5), real(nu)
@@ -106,7 +106,7 @@ def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
     one, half, quarter, nu, a = real(1.0), real(0.5), real(0.25), real(nu), real(a)
     dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
     rdy, rdyc = one / dy, one / dyc
-    # A v-face's cell consists of half the row below and half the row above; the factors are their shares of its height.
+    # A v-face's cell has half of the row below and half of the row above; the factors are the shares of these halves.
     below, above = half * dy[:-1] * rdyc[1:-1], half * dy[1:] * rdyc[1:-1]
     along = np.empty_like(dyc)
     for r in range(runs.shape[0]):
@@ -169,7 +169,7 @@ def fill_edges(u: Array, v: Array, inflow_v: Array) -> None:
 
 @njit(cache=True, nogil=True)
 def fill_walls(u: Array, v: Array, walls: Pair[GhostMap]) -> None:
-    """Fill the ghosts so that the body has no slip."""
+    """Fill the ghosts so that the flow does not slip on the body."""
     _fill_ghosts(u.reshape(-1), walls.u)
     _fill_ghosts(v.reshape(-1), walls.v)
 
@@ -248,7 +248,7 @@ def stages(
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def divergence(b: Array, u: Array, v: Array, dx: Array, dy: Array, runs: Index) -> None:
-    """Set b to the net outflow of each fluid cell; solid cells remain zero."""
+    """Set b to the net outflow of each fluid cell; b remains zero in solid cells."""
     for r in range(runs.shape[0]):
         i, j0, j1 = runs[r, 0], runs[r, 1], runs[r, 2]
         width, height = dx[i], dy[j0:j1]

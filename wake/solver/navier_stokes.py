@@ -1,11 +1,11 @@
 """The time integration of the incompressible Navier-Stokes equations: three Runge-Kutta stages and one pressure
 projection per step.
 
-The stages have Williamson's low-storage coefficients and use the pressure gradient of the step's start. The projection
-adds the gradient's change. The velocity is of second order in time. The boundary conditions are uniform inflow, slip
-sides, p = 0 and zero normal gradient at the outlet, no slip on the body, and prescribed flow through the slots. The
-velocity at the outlet solves the momentum equation, as in the interior, with a mirrored cell beyond the outlet. If it
-were copied from upstream, a vortex that leaves the domain would disturb the pressure everywhere. Pressure here is
+The stages have Williamson's low-storage coefficients and use the pressure gradient at the step's start. The projection
+adds the change of the gradient. The velocity is of second order in time. The boundary conditions are uniform inflow,
+slip sides, p = 0 and zero normal gradient at the outlet, no slip on the body, and prescribed flow through the slots.
+The velocity at the outlet solves the momentum equation, as in the interior, with a mirrored cell beyond the outlet. If
+it were copied from upstream, a vortex that leaves the domain would disturb the pressure everywhere. Pressure here is
 kinematic, p / (rho U_inf^2); Cp is twice this pressure.
 
 A varying wind is given in the frame of the body, as for a vehicle whose speed through the air varies. A change of the
@@ -14,8 +14,8 @@ wind changes the inflow, and accelerates the whole flow uniformly. So the far pr
 The convective number of a cell is dt (|u| / dx + |v| / dy). The viscous number is 4 nu dt (1 / dx^2 + 1 / dy^2). The
 stability region of a three-stage Runge-Kutta scheme of order 3 ends at 1.73 on the imaginary axis, at 2.0 to 2.4 with
 the viscosity of this flow, and at 2.51 on the real axis. Runs of the uncontrolled truck are stable with a number of 2.0
-at the front corners and diverge at 2.3. Next to the jets, flow is fast in few cells and for a short time. With full
-reversals over 100 control periods, runs are stable with a number of 4.0 there and diverge at 4.3.
+at the front corners and diverge at 2.3. Next to the jets, flow is fast in few cells and for a short time. Runs of 100
+control periods with full reversals of the jets are stable with 4.0 next to the jets and diverge at 4.3.
 """
 
 from collections.abc import Callable
@@ -44,7 +44,7 @@ class FlowSolver(CopiedWhole):
 
     Args:
         viscosity: 1 / Re.
-        slot_profile: velocity on the faces at `grid.rear` per unit action, (ny,); None for no jets.
+        slot_profile: velocity on the faces at `grid.rear` per unit action, (ny,); None if there are no jets.
         inflow_u, inflow_v: velocity at the inlet, (ny,) at the u-faces and (ny + 1,) at the v-faces.
         precision: precision of the flows; the grid and the projection's factors are computed in double precision first.
     """
@@ -114,8 +114,8 @@ class FlowSolver(CopiedWhole):
         wind: Callable[[float], float] | None = None,
         starts: Array | None = None,
     ) -> None:
-        """Take `steps` time steps in place while the action ramps linearly between the two values. Raises PlantError,
-        and restores the flow, if the new flow is not finite or is faster than is physically possible in this flow.
+        """Take `steps` time steps in place while the action ramps linearly from `action_from` to `action_to`. Restores
+        the flow and raises PlantError if the new flow is not finite or is faster than physically possible.
 
         Args:
             wind: excess of the stream's velocity over the inflow velocity, as a continuous function of the time since
@@ -172,7 +172,7 @@ class FlowSolver(CopiedWhole):
 
 
 def stage_ends(steps: int) -> Array:
-    """Return the end of each stage as a time since the first step's beginning, in units of a step, (steps, 3)."""
+    """Return the time at the end of each stage, (steps, 3), in units of a step from the first step's start."""
     return np.add.outer(np.arange(steps), STAGE_END)
 
 
@@ -193,8 +193,8 @@ _SAFE: Final = 1.7
 
 
 def advice(grid: Grid, before: Flow, viscosity: float, dt: float) -> str:
-    """Return a message for a time step with which the flow `before` diverged. It states the largest numbers of all
-    cells, and a stable time step."""
+    """Return a message for a time step with which the flow `before` diverged. The message states the largest convective
+    and viscous number of all cells, and a stable time step."""
     u, v = np.abs(before.faces_u), np.abs(before.faces_v)
     along = np.maximum(u[:-1], u[1:]) / grid.dx[:, None]
     across = np.maximum(v[:, :-1], v[:, 1:]) / grid.dy

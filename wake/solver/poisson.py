@@ -61,7 +61,7 @@ class HalfSolver:
 
     @classmethod
     def of(cls, q: Array, pivot: Array, coupling: Array, links: Links, capacitance: Array) -> "HalfSolver":
-        """Build a solver with its own work arrays; q and pivot may be padded or not."""
+        """Build a solver with its own work arrays; q and pivot may be padded."""
         whole = _VECTOR // q.itemsize
         nx, h = len(pivot), -(-len(q) // whole) * whole
         pivot = _aligned(pivot, (nx, h))
@@ -84,14 +84,14 @@ class HalfSolver:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PoissonSolver:
-    """The solvers of the even and the odd part, and their combination."""
+    """A solver for the whole grid: it combines a solver for the even part and a solver for the odd part."""
 
     even: HalfSolver
     odd: HalfSolver
 
     def solve_into(self, b: Array, phi: Array) -> None:
         """Set phi so that A' phi = b; b (nx, ny) is integrated over cells and zero in solid cells."""
-        # The two halves are not in one compiled function, because its code would be slower.
+        # The two halves are separate compiled calls, because one compiled function for both is slower.
         even, odd = self.even.work[0], self.odd.work[0]
         _split(b, even, odd)
         for half in (self.even, self.odd):
@@ -229,8 +229,8 @@ def _scatter(spectral: Array, links: Links, y: Array, q: Array) -> None:
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _product(a: Array, b: Array, out: Array) -> None:
-    """Compute out = a b for b (h, h) with h a multiple of 4. The loop computes three rows of the result at a time, and
-    adds four terms of their sums at once.
+    """Compute out = a b for b (h, h), where h is a multiple of 4. The loop computes three rows of the result at a time,
+    and adds four terms of their sums at once.
 
     The terms of each sum are added in a fixed order, so that the result does not depend on the grouping of rows.
     """

@@ -27,7 +27,7 @@ class Average:
     weights: Array
 
     def mean(self, values: npt.ArrayLike) -> Array:
-        """Return the weighted mean over the n samples of values (n, ...), as (...)."""
+        """Return the weighted mean (...) of values (n, ...) over the n samples."""
         return np.asarray(np.tensordot(self.weights, np.asarray(values, dtype=np.float64), axes=1))
 
     def std(self, values: npt.ArrayLike) -> Array:
@@ -38,7 +38,7 @@ class Average:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CycleAverage(Average):
-    """An average over whole cycles. `frequency`, in cycles per t_c, is the Strouhal number if nothing forces the
+    """An average over whole cycles. `frequency` is in cycles per t_c; it is the Strouhal number if nothing forces the
     wake."""
 
     cycles: int

@@ -1,5 +1,5 @@
 """The computation of a developed wake, from fluid at rest or from another grid, and of the steady wake. A start from
-rest, like the shipped one, takes 100 t_c, because the shedding has to grow first.
+rest, such as the shipped start, takes 100 t_c, because the shedding has to grow first.
 
 The steady wake is the symmetric flow that results if symmetry suppresses shedding. A symmetric flow remains symmetric
 except for rounding errors, which the shedding instability amplifies. Taking the even part of the flow after every
@@ -29,7 +29,7 @@ _KICK_AMPLITUDE: Final = 2.0 / 3.0
 
 
 def start_from_rest(wake: TruckWake) -> None:
-    """Set the plant to uniform flow, run until the first transients have left the leading edge, and zero its clock."""
+    """Set the plant to uniform flow, run it until the first transients leave the leading edge, and zero its clock."""
     wake.reset(State(flat=wake.solver.start().flat, substep=0, action=0.0))
     for dt, steps in _RAMP:
         wake.solver.run(wake.flow, dt=dt, steps=steps, action_from=0.0, action_to=0.0)
@@ -215,7 +215,7 @@ def check_steady(wake: TruckWake, state: State) -> None:
 
 def recirculation_length(grid: Grid, flow: Flow) -> float:
     """Return the bubble's length in a steady or mean flow, in W: from the base to the last point on the axis y = 0
-    where u turns positive; zero without backward flow on the axis. A bubble that reaches the outlet ends there."""
+    where u turns positive; zero if the axis has no backward flow. A bubble that reaches the outlet ends there."""
     # The axis is a row of faces, so u is stored half a cell below and above the axis.
     above = grid.shape[1] // 2
     speed = flow.faces_u[grid.rear :, above - 1 : above + 1].mean(axis=1)

@@ -47,8 +47,8 @@ class State:
 
 
 def start_name(reynolds: float) -> str:
-    """Return the file name that messages suggest for a new start. It differs from the name of the present start's file,
-    because that file must not be replaced."""
+    """Return the file name that messages suggest for a new start. The name contains the Reynolds number, so that the
+    file of the present start is not replaced."""
     return f"start_re{reynolds:g}.npz"
 
 
@@ -60,26 +60,26 @@ def develops(reynolds: float) -> str:
 def check_origin(
     origin: Origin | None, body: BodyConfig, reynolds: float | None = None, shape: tuple[int, int] | None = None
 ) -> None:
-    """Raise PlantError if a state was computed around a body other than the plant's body, on a grid whose number of
-    cells is not `shape`, or at another Reynolds number; a number that is None is not compared."""
+    """Raise PlantError if a state does not have the plant's body, Reynolds number, or numbers of grid cells (`shape`).
+    An argument that is None is not compared."""
     if origin is None:
         return
     if not origin.is_of(body):
         raise PlantError(
-            f"flow state is of a body of length {origin.body_length:g} and leading-edge radius "
+            f"flow state is for a body of length {origin.body_length:g} and leading-edge radius "
             f"{origin.leading_edge_radius:g}, this plant has {body.length:g} and {body.leading_edge_radius:g}: "
-            "`stillwake develop` with the same --set body.* makes a state for it, to be given with --state"
+            "`stillwake develop` with the same --set body.* makes a state that fits; name it with --state"
         )
     if shape is not None and origin.shape != shape:
         (nx, ny), (mine_x, mine_y) = origin.shape, shape
         raise PlantError(
-            f"flow state is of a grid of {nx} x {ny} cells, this grid needs {mine_x} x {mine_y}: `stillwake develop` "
-            "with the same --set flow.refinement makes a start for it"
+            f"flow state is for a grid of {nx} x {ny} cells, this grid needs {mine_x} x {mine_y}: `stillwake develop` "
+            "with the same --set flow.refinement makes a start that fits"
         )
     if reynolds is not None and origin.reynolds != reynolds:
         raise PlantError(
-            f"flow state is of reynolds = {origin.reynolds:g}, this plant has {reynolds:g}: "
-            f"`{develops(reynolds)}` makes a state for it, to be given with --state"
+            f"flow state is for reynolds = {origin.reynolds:g}, this plant has {reynolds:g}: "
+            f"`{develops(reynolds)}` makes a state that fits; name it with --state"
         )
 
 
@@ -108,7 +108,7 @@ def save_state(path: Path, state: State) -> None:
 
 
 def load_state(path: Path) -> State:
-    """Read a saved state. Raises PlantError if the file is missing, damaged or of another schema."""
+    """Read a saved state. Raises PlantError if the file is missing or damaged, or has another schema."""
     try:
         data = read_npz(path)
         if data.text("schema") != _STATE_SCHEMA:

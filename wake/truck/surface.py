@@ -2,7 +2,7 @@
 U_inf^2 W / 2.
 
 The body is a rectangle whose front corners may be rounded (paper, figure 1). Two slots at the edges of its base act in
-opposition, one blowing while the other sucks, so that the net mass flow is zero at every instant.
+opposition: one blows while the other sucks, so that the net mass flow is zero at every instant.
 
 Each measured quantity except the slots' load is a fixed weighted sum of u, v and p, so one sparse product per control
 step gives these quantities. The wall pressure follows from a parabola along the normal. The parabola passes through two
@@ -12,7 +12,7 @@ straight line would give 1 % too little drag. Wall shear follows from the veloci
 The load on the two slot faces comes from the momentum balance of the half cell before each face. Along x, p + u^2 - 2
 nu du/dx on the face equals its value half a cell before the face. The flux through the half cell's sides and its
 acceleration are neglected; they are small and nearly cancel over a cycle. On the default grid the result is within 2 %
-of the force on slots resolved twice as finely; a straight line through two cells has an error of a fifth.
+of the force on a grid with half the cell size; a straight line through two cells has an error of a fifth.
 """
 
 from collections import defaultdict
@@ -35,7 +35,7 @@ def signed_distance(x: npt.ArrayLike, y: npt.ArrayLike, body: BodyConfig = TRUCK
     """Return the distance to the outline in W, positive in the fluid. The distance is exact outside the body. Inside,
     it is exact near the outline."""
     x, y = np.asarray(x, dtype=np.float64), np.abs(np.asarray(y, dtype=np.float64))
-    # One box has only sharp corners, the other box has only rounded corners, like the front of the body.
+    # One box has only sharp corners. The other has only rounded corners, with the radius of the body's front.
     sharp = _box_distance(x, y, body.length, 0.0)
     rounded = _box_distance(x, y, body.length, body.leading_edge_radius)
     return np.where(x < 0.5 * body.length, rounded, sharp)
@@ -71,7 +71,7 @@ def slot_profile(grid: Grid) -> Array:
 
 
 class SlotFaces:
-    """The faces of the jets' slots on one grid. `viscosity` is 1 / Re, `profile` (ny,) the velocity on the faces at
+    """The faces of the jets' slots on one grid. `viscosity` is 1 / Re; `profile` (ny,) is the velocity on the faces at
     `grid.rear` per unit action."""
 
     def __init__(self, grid: Grid, viscosity: float, profile: Array) -> None:
@@ -112,7 +112,7 @@ class SlotFaces:
         bar.faces_u[self._rear + 1] += 2.0 * Cp * between + shear
 
     def _faces(self, flow: Flow) -> tuple[Array, Array, Array]:
-        """Return u on the base's faces, on the next faces downstream, and the mean of the two."""
+        """Return u on the base's faces, u on the next faces downstream, and the mean of these values."""
         face, ahead = flow.faces_u[self._rear], flow.faces_u[self._rear + 1]
         return face, ahead, 0.5 * (face + ahead)
 
@@ -126,9 +126,9 @@ force."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measured:
-    """The functionals of a flow at one instant: Cp at the sensors, the force (pressure and viscous) on the wall without
-    the slot faces, the force on these faces, the mean Cp over each slot, weighted by the jet profile, and the
-    transverse velocity at the wake probe."""
+    """The functionals of a flow at one instant: Cp at the sensors; the force (pressure and viscous) on the wall without
+    the slot faces, and on these faces; the mean Cp over each slot, weighted by the jet profile; and the transverse
+    velocity at the wake probe."""
 
     Cp: Array
     Cd: float
@@ -194,8 +194,8 @@ class Surface:
         return terms
 
     def _flow_points(self, x: float, y: float, nx: float, ny: float, component: Component) -> list[tuple[float, Terms]]:
-        """Return the two nearest points along the normal at (x, y) that lie between values in the fluid. A point is
-        given by its distance, and by the weights with which the flow's values sum to the component's value there."""
+        """Return the two nearest points along the normal at (x, y) that lie between values in the fluid. Each entry has
+        a point's distance, and the weights with which the flow's values sum to the component's value."""
         usable = {"u": self._boundary.open_u, "v": self._boundary.open_v, "p": self._boundary.fluid}[component]
         xs, ys = self._grid.axes(component)
         spacing = max(abs(nx) * _cell_size(self._grid.xf, x), abs(ny) * _cell_size(self._grid.yf, y))
@@ -276,15 +276,15 @@ def _normals(layout: SensorLayout) -> list[tuple[float, float]]:
 
 
 def _cell_size(faces: Array, at: float) -> float:
-    """Return the size of the cell around a point. For a point on a face it is the larger neighbour's size, so that
-    mirror images agree."""
+    """Return the size of the cell around a point. For a point on a face, return the size of the larger neighbour, so
+    that mirror images agree."""
     first, last = np.searchsorted(faces, at, side="left") - 1, np.searchsorted(faces, at, side="right")
     return float(np.diff(faces[first : last + 1]).max())
 
 
 def _strips(faces: Array, start: float, end: float) -> list[tuple[float, float]]:
     """Return midpoints and lengths of the grid's intervals between start and end; the first and the last interval are
-    cut to fit."""
+    cut at `start` and `end`."""
     inside = faces[(faces > start + 1e-9) & (faces < end - 1e-9)]
     edges = np.concatenate([[start], inside, [end]])
     return [(float(m), float(w)) for m, w in zip(0.5 * (edges[1:] + edges[:-1]), np.diff(edges), strict=True)]

@@ -1,4 +1,4 @@
-"""The sensitivities of a sequence of control periods. The plant's periods are recorded as it advances, then
+"""The sensitivities of a sequence of control periods. The plant's periods are recorded while the plant advances, then
 differentiated backwards, one at a time. So a controller in the loop can be differentiated with the plant.
 `DifferentiableWake` is the plant with its tape for `contract.differentiable`.
 """
@@ -27,7 +27,7 @@ _MEGABYTE = 1e6
 
 @dataclass(kw_only=True, eq=False)
 class _Period:
-    """The actions and the time of a period, the flow at its start and, if memory allows, at each step's start."""
+    """A period's actions, time and flow at its start, and the flow at each step's start if memory allows."""
 
     start: Array
     steps: Array | None
@@ -171,8 +171,8 @@ MEMORY_MB: Final = 7000.0
 """Limit of the tape's memory, in 10^6 bytes. The flow of 125 control periods takes 2000 x 10^6 bytes on the mesh of
 `stillwake refine` and 6900 x 10^6 on the default mesh. Beyond the limit, the tape computes steps a second time."""
 AT_REST: Final = 60.0
-"""Time for which the wake without jets settles at a speed: twelve cycles. The average after it has the same duration.
-The unit is the convective time at that speed."""
+"""Time for which the wake without jets settles at a speed: twelve cycles. The average that follows has the same
+duration. The unit is the convective time at that speed."""
 
 
 class DifferentiableWake(CopiedWhole):

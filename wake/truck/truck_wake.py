@@ -40,7 +40,7 @@ class TruckWake(CopiedWhole, SteppedPlant):
 
     Attributes:
         layout: the sensors, in the order of a sample's Cp.
-        wind: a function of time that returns by how much the wind exceeds U_inf; None for a steady wind. States do
+        wind: a function of time that returns by how much the wind exceeds U_inf; None if it is steady. States do
             not hold the wind.
     """
 
@@ -88,7 +88,7 @@ class TruckWake(CopiedWhole, SteppedPlant):
         return self.sample()
 
     def set_reynolds(self, reynolds: float) -> None:
-        """Continue with the viscosity of another Reynolds number. Later states have this number, too. Raises PlantError
+        """Continue with the viscosity of another Reynolds number. Later states also have this number. Raises PlantError
         if dt is too large."""
         config = replace(self.config, reynolds=reynolds)
         self._check_step(config)
@@ -122,8 +122,8 @@ class TruckWake(CopiedWhole, SteppedPlant):
     def advance_to(self, substep: int, action: float | None = None, *, starts: Array | None = None) -> None:
         """Advance within the present period to `substep` (1 .. substeps). With an action, the jet ramps so that it
         reaches the action at the period's end; without an action, its flow rate does not change. `starts` is as in
-        `FlowSolver.run`. Raises PlantError for a substep that is not later in this period or an action that is not
-        finite or exceeds the bound, or if the flow diverges."""
+        `FlowSolver.run`. Raises PlantError if the substep is not later in this period, if the action is not finite or
+        exceeds the bound, or if the flow diverges."""
         self._check_substep(substep)
         into, last = self.substeps_into_period, self.config.substeps
         target = self._action if action is None else self._checked(action)

@@ -41,7 +41,7 @@ Trip = Annotated[
 
 
 def key_of(file: str) -> "Key | None":
-    """Return the key in the file named by `bus.key`; None without a file. Raises KeyFileError as `read_key` does."""
+    """Return the key in the file of `bus.key`; None if `bus.key` is empty. Raises KeyFileError as `read_key` does."""
     from can_bridge.secoc.key import read_key
 
     return read_key(Path(file)) if file else None
@@ -60,8 +60,8 @@ def send(
     """Send one of stillwake's messages, with its E2E header.
 
     A value that does not fit its signal is refused. A receiver uses a message only after several good frames in a row:
-    see --count. Messages of the secured set are signed with bus.key and with the number of power cycles in --trip,
-    which must be larger than every number that was used with this key. After a receiver has accepted such messages, it
+    see --count. Messages of the secured set are signed with bus.key and with --trip, a number of power cycles. This
+    number must be larger than every number that was used with this key. After a receiver has accepted such messages, it
     rejects the frames of the original sender until the sender's own number of power cycles exceeds --trip. To send
     other frames, use python-can: `python -m can.player` sends the frames of a log.
 
@@ -149,11 +149,11 @@ def decode(
     """Print the frames of a recorded log as signals with units, and the results of the frames' end-to-end checks.
 
     The command prints a line for each frame. Then it prints a table of the messages with counts, rates, losses and
-    check results, the bus load (computed from the bit rates in the settings), and the number of lines that are not
-    frames. Each counter is compared with the counter of the message's previous frame on the same channel. With --set
-    bus.key=FILE the MAC and freshness of secured messages are checked before the end-to-end check. Diagnostic frames
-    are recognised by the identifiers in the settings. All other messages are shown as bytes; use `cantools decode` for
-    these messages.
+    check results. It also prints the bus load, computed from the bit rates in the settings, and the number of lines
+    that are not frames. Each counter is compared with the counter of the message's previous frame on the same channel.
+    With --set bus.key=FILE the MAC and freshness of secured messages are checked before the end-to-end check.
+    Diagnostic frames are recognised by the identifiers in the settings. All other messages are shown as bytes; use
+    `cantools decode` for these messages.
     """
     from can_bridge.logs.log_reader import CanLog
     from can_bridge.tools.traffic import Summary

@@ -34,7 +34,7 @@ def load(
 ) -> None:
     """Show the load of the bus, and the worst-case response time of every message on it.
 
-    bus.frames and bus.key select stillwake's own messages, and bus.background.* the messages of other nodes. The
+    bus.frames and bus.key select stillwake's own messages; bus.background.* selects the messages of other nodes. The
     response time of an ECU's message is counted from the sampling of the pressures, without the ECU's compute time;
     instead, the deadline of the command is shortened by the compute time. Exit status 3: a message can miss its
     deadline.

@@ -1,4 +1,4 @@
-"""The live view of a bus, and the table of a log: `stillwake can monitor`, drawn by rich."""
+"""The command `stillwake can monitor`, which shows a live table of a bus, or the table of a log."""
 
 import time
 from collections.abc import Callable
@@ -29,7 +29,7 @@ REFRESH_S = 0.1
 MOST_AT_ONCE = 2000
 """Largest number of frames read between two drawings, so that the table is also redrawn on a flooded bus."""
 OTHER_COLUMNS = 70
-"""Width in characters of all columns except the column of values, with the longest names and numbers."""
+"""Width in characters of all columns except the column of values, for the longest names and numbers."""
 
 STALE_S = 1.0
 """Age in s of a message's newest frame above which the message's row is drawn dim."""
@@ -50,10 +50,10 @@ def monitor(
     Ctrl-C ends the command and prints the whole table. Until then the table is cut off at the end of the screen;
     --filter shows fewer rows. Without a terminal the command prints one line per second, and the table at the end.
 
-    The column "lost" counts the frames that are missing according to the counters, and the column "refused" the frames
-    that a receiver would not have used. The column "E2E" shows the result of the newest frame's check. With --set
-    bus.key=FILE the MAC and freshness of secured messages are checked first. Messages of other systems are shown as
-    bytes; `cantools monitor` decodes these messages.
+    The column "lost" counts the frames that are missing according to the counters. The column "refused" counts the
+    frames that a receiver would not have used. The column "E2E" shows the result of the newest frame's check. With
+    --set bus.key=FILE the MAC and freshness of secured messages are checked first. Messages of other systems are shown
+    as bytes; `cantools monitor` decodes these messages.
     """
     from can_bridge.tools.traffic import MOST_MESSAGES, Summary
 
@@ -98,7 +98,7 @@ def _read(summary: "Summary", log: Path, channel: str | None) -> None:
 def _follow(
     bus: "RawBus", summary: "Summary", table: Callable[[float], RenderableType], is_over: Callable[[], bool]
 ) -> None:
-    """Show the table on a terminal; without a terminal print a line per second, and the table at the end."""
+    """Show the table on a terminal. If there is no terminal, print a line per second, and the table at the end."""
     from rich.live import Live
 
     is_live = console.is_interactive

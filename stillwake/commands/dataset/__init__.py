@@ -1,4 +1,4 @@
-"""The commands for data sets, `stillwake dataset import|inspect`; each command has a file."""
+"""The commands for data sets, `stillwake dataset import|inspect`; each command is in its own file."""
 
 import typer
 

@@ -39,8 +39,8 @@ _COUNTED: Final = 10_000
 
 
 def zone_of(text: str) -> tzinfo | None:
-    """Return the time zone with a name such as Europe/Berlin, or with an offset such as +02:00; None for an empty text.
-    Raises ConfigError for another text."""
+    """Return the time zone with a name such as Europe/Berlin, or with an offset such as +02:00; None if the text is
+    empty. Raises ConfigError for another text."""
     if not text:
         return None
     try:
@@ -55,7 +55,7 @@ def zone_of(text: str) -> tzinfo | None:
 
 
 def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
-    """Return the file of forces of every log. Raises DatasetError if a log has no file or two files, or if two files
+    """Return each log with its file of forces. Raises DatasetError if a log has no file or two files, or if two files
     are given without the name of a log."""
     found: dict[Path, Path] = {}
     general: list[Path] = []
@@ -72,7 +72,7 @@ def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
             found[labels[label]] = Path(text[len(label) + 1 :])
     if len(general) > 1:
         raise DatasetError(
-            f"--forces {general[1]}: is the second file; with several, write LOG=FILE, where LOG is one of "
+            f"--forces {general[1]}: is the second file; for several files, write LOG=FILE, where LOG is one of "
             f"{', '.join(map(str, logs))}"
         )
     for log in logs:
@@ -103,12 +103,12 @@ class DriveReader:
 
     Attributes:
         fill, split: see `can_bridge.drives.log_to_series.series_of`.
-        names: names of the columns of t, Cd and Cl in the files of forces, if the columns have other names.
-        references: by the names Cd and Cl, the values of Cd = 1 and Cl = 1 in the unit of the files.
+        names: column names for t, Cd and Cl in the files of forces, if a column has another name.
+        references: numbers that mean Cd = 1 and Cl = 1 in the files of forces, by the names Cd and Cl.
         clock: clock of the times in the files of forces; None if each file states its clock.
         shift_s: time in s to add to the times of the forces.
-        channels: channels of the logs that are read; empty if the channel is found from its frames.
-        zone: time zone of logs whose times begin in local time; None if it is not given.
+        channels: channels to read from the logs; if empty, a log's channel is found from its frames.
+        zone: time zone of logs whose times begin in local time; None if the user gave no zone.
     """
 
     fill: int
@@ -231,8 +231,8 @@ class DriveReader:
             )
 
     def _room(self, series: "LogSeries") -> dict[str, float]:
-        """Return the tolerances in s for `ForcesTable.at`: the largest distance of a table's time from the time of a
-        row, and the longest gap. The gap is `fill` missing rows plus an allowance for jitter."""
+        """Return the tolerances in s for `ForcesTable.at`: the largest distance between a time in the table and the
+        time of a row, and the longest gap, which is `fill` missing rows plus an allowance for jitter."""
         from contract.recording.findings import STEP_TOLERANCE
 
         return {"slack": STEP_TOLERANCE * series.period_s, "longest_gap": (self.fill + 1.5) * series.period_s}
@@ -291,7 +291,7 @@ def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
 
 
 def _counted(log: "CanLog", progress: Callable[[str], None]) -> "Iterator[can.Message]":
-    """Yield the messages and report how many were read. An hour has half a million messages and takes ten seconds."""
+    """Yield the messages and report how many were read, because reading an hour of a log takes ten seconds."""
     progress(f"{log.path}")
     for number, message in enumerate(log, 1):
         yield message

@@ -79,12 +79,12 @@ def import_(
     file have a unit, state which number in the file means 1: --reference Cp=240Pa (rho U_inf^2 / 2), t=5ms, Cd=40N, or
     Cd=-1 for the opposite sign.
 
-    A log of the CAN bus (.log, .asc, .blf, .trc, .mf4, .mcap, python-can's .csv and .db, also packed as .gz) has
-    commands and the pressures of the four sensors in --layout, in the order of the message; its drag and lift come from
-    --forces. Cp is computed with the vehicle's speed in the log. operating_point gives the body's width, and the speed
-    if the log states none. --forces LOG=FILE is for one log. --forces-clock states the unit and the start of the times
-    in the files of forces: s on the log's clock (log), s since the log's first pressure (start), or t_c since that
-    pressure (t_c). A file whose time column is named 't [t_c]' needs no option.
+    A log of the CAN bus has commands and the pressures of the four sensors in --layout, in the order of the message;
+    its drag and lift come from --forces. Logs are .log, .asc, .blf, .trc, .mf4, .mcap, python-can's .csv and .db, also
+    packed as .gz. Cp is computed with the vehicle's speed in the log. operating_point gives the body's width, and the
+    speed if the log has no speed. --forces LOG=FILE is for one log. --forces-clock states the unit and the start of the
+    times in the files of forces: s on the log's clock (log), s since the log's first pressure (start), or t_c since
+    that pressure (t_c). A file whose time column is named 't [t_c]' needs no --forces-clock.
 
     Nothing is written unless every file is valid. docs/how-to/use-your-own-data.md and
     docs/how-to/train-from-a-can-log.md have examples.
@@ -100,7 +100,7 @@ def import_(
     logs = [path for path, _ in roles if is_log(path)]
     for path in logs:
         if logs.count(path) > 1:
-            raise DatasetError(f"{path}: given twice, but an episode has one role: with no other log, split this log")
+            raise DatasetError(f"{path}: given twice, but an episode has one role: give two logs, or split this log")
     zone, loaded = drives.zone_of(log_zone), settings("dataset import", given, uses=(*drives.USES, *_FLOW))
     only_logs = any((split, forces, forces_clock, forces_shift, channel, zone)) or loaded.in_overrides - set(_FLOW)
     if only_logs and not logs:
@@ -153,7 +153,7 @@ def _facts(loaded: Loaded) -> "PlantFacts":
 
 
 def _teller(notes: list[str]) -> Callable[[Path, str], None]:
-    """Return a function that adds a note on a file to the notes that are printed for the user."""
+    """Return a function that adds a note on a file to `notes`, which are printed for the user."""
     return lambda path, note: notes.append(f"note: {path}: {note}")
 
 
@@ -164,7 +164,7 @@ def _assembled(
     renamed: dict[str, str],
     notes: list[str],
 ) -> "Dataset":
-    """Build the data set from all files and show the progress. `forces` has the file of forces of every log."""
+    """Build the data set from all files and show the progress. `forces` gives each log's file of forces."""
     from contract.recording.importing.assemble import EpisodeSource, assemble
 
     sources: list[EpisodeSource] = []

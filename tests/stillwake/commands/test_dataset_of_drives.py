@@ -138,7 +138,7 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused, place):
         (*call, "train=drive.log", "--layout", "sensors.csv"),
         {
             "": "a log has no drag and lift, and training needs them: give them with --forces",
-            "--forces a.csv --forces b.csv": "--forces b.csv: is the second file; with several, write LOG=",
+            "--forces a.csv --forces b.csv": "--forces b.csv: is the second file; for several files, write LOG=",
             "--forces drive.log=forces.csv --forces drive.log=b.csv": "drive.log has forces already",
             "--forces missing.csv": "missing.csv: no such file",
             "--forces drive.log": "drive.log: a table of forces must end in",

@@ -49,7 +49,7 @@ def test_a_stopped_training_says_how_to_go_on_and_another_is_refused_or_starts_o
     assert "model.checkpoints: joint fit, iteration 300 of 4000" in " ".join(outcome.out.split())
     assert outcome.err == "stopped; the same command continues from joint fit, iteration 300 of 4000\n"
     other = ("train", stopped, "--dataset", short_recording, "--set", "train.seed=5")
-    line = "holds an unfinished training with train.seed = 0, not 5: finish it with these settings, or start over"
+    line = "holds an unfinished training with train.seed = 0, not 5: finish it with its own settings, or start over"
     assert line in refused(*other)
     assert cli(*other, "--restart").code == 130
     assert [options["resume"] for options in called] == [True, True, False]

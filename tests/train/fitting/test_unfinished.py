@@ -52,7 +52,7 @@ def test_the_same_training_goes_on_from_where_it_was(folder):
 def test_another_training_is_refused_by_what_differs_and_with_both_ways(folder):
     other = replace(CONFIG, train=replace(CONFIG.train, seed=5))
     with pytest.raises(
-        ConfigError, match=r"train\.seed = 0, not 5: finish it with these settings, or start over with --restart"
+        ConfigError, match=r"train\.seed = 0, not 5: finish it with its own settings, or start over with --restart"
     ):
         unfinished.check(folder, identity(other))
     with pytest.raises(DatasetError, match="another recording"):
