@@ -5,16 +5,16 @@
 
 #include "sw_ecu.h"
 
-/* Number of frames that are stored between two steps. A period has one frame of pressures and one of the speed. */
+/* Number of frames that are stored between two steps. Each period has a frame of pressures and a frame of the speed. */
 #define ROOM 16
 
-/* Identifiers of the frames that the ECU needs; on a busy bus, other frames would fill the buffer. */
+/* Identifiers of the frames that the ECU needs. On a busy bus, other frames would fill the buffer. */
 #define HEARD {SW_PRESSURE_ID, SW_SPEED_ID, SW_COMMAND_ID, SW_STATUS_ID}
 
 /* Runs the ECU; never returns. */
 void controller_task(void);
 
-/* Returns the time of a clock that nobody sets; tasks and interrupts must use one clock. */
+/* Returns the time of a clock that is never set. Tasks and interrupts must use the same clock. */
 int64_t clock_ns(void);
 
 void sleep_until(int64_t due_ns);
@@ -33,7 +33,7 @@ void note_health(sw_bus_health *health);
  * cannot be read. */
 int read_authentication(sw_authentication *given);
 
-/* Stores the receivers' newest freshness values, as often as wear of the non-volatile memory permits. */
+/* Stores the receivers' newest freshness values, as often as the non-volatile memory's wear permits. */
 void keep_freshness(const sw_ecu_state *state);
 #endif
 

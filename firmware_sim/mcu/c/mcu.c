@@ -1,5 +1,5 @@
-/* The control step on a bare Cortex-M7. For each row, a test bench or a bus driver fills mcu_row. Until the window is
- * full, it then calls mcu_push; afterwards it calls mcu_step and reads mcu_output.
+/* The control step on a bare Cortex-M7. For each row, a test bench or a bus driver writes mcu_row and calls mcu_push.
+ * From the row that fills the window on, it calls mcu_step instead, and reads mcu_output.
  */
 #include <stddef.h>
 

@@ -1,8 +1,8 @@
 /* The loops of sw_norm.h's forward pass for cores with the Arm DSP extension, two outputs at a time.
  *
  * The loops are in assembly, and their instructions are ordered for cores that issue two instructions at a time, as in
- * sw_dots_dsp.h. The results equal the results of sw_norm_plain.h bit for bit. Each loop needs thirteen registers; the
- * pointer to its end is on the stack.
+ * sw_dots_dsp.h. The results equal the results of sw_norm_plain.h bit for bit. Each loop needs thirteen registers; its
+ * end address is on the stack.
  */
 #ifndef SW_NORM_DSP_H
 #define SW_NORM_DSP_H
