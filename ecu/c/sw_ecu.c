@@ -1,5 +1,5 @@
 /* The ECU's control period: it checks the stream of pressures, updates the fail-safe, extends the window, plans, passes
- * the first free action through the command gate, and writes the frames to send. This file corresponds to ecu/ecu.py.
+ * an action through the command gate, and writes the frames to send. This file corresponds to ecu/ecu.py.
  */
 #include "sw_ecu.h"
 

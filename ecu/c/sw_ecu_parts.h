@@ -136,7 +136,7 @@ void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_fr
 double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *release);
 
 /* Returns the speed in use / design speed, limited to the release's range; 1 if the speed on the bus is unknown or too
- * far outside. */
+ * far outside that range. */
 double sw_speed_present(const sw_speed_state *speed, const sw_release *release);
 
 #if SW_AIR_SPEED
@@ -164,7 +164,7 @@ uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS],
 
 /* --- sw_memory.c: window, plan and actions in transit --- */
 
-/* Add this period's row (`speed` in design speeds), bridge a period without pressures, and empty the window. */
+/* Add this period's row (with speed / design speed), bridge a period without pressures, and empty the window. */
 void sw_memory_observed(sw_memory *memory, const double cp[SW_SENSORS], double speed);
 void sw_memory_bridged(sw_memory *memory);
 void sw_memory_emptied(sw_memory *memory);
@@ -199,9 +199,9 @@ uint8_t sw_sensors_next(sw_sensors *sensors, const sw_numbers *numbers, sw_estim
 /* --- sw_benefit.c --- */
 
 #if SW_BENEFIT_CHECK
-/* Checks whether control helps, after a period with the pressures `cp`; `cp` is NULL if there are no pressures. `speed`
- * is the speed divided by the design speed; `drives` states whether the jets were allowed to run during the past
- * period. Returns the SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
+/* Checks whether control helps. `cp` has the period's pressures; it is NULL if there are no pressures. `speed` is the
+ * speed divided by the design speed; `drives` states whether the jets were allowed to run during the past period.
+ * Returns the SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
  */
 uint8_t sw_benefit_next(sw_benefit *benefit, const sw_release *release, const double *cp, double speed, int drives);
 #endif

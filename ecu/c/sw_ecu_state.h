@@ -48,7 +48,7 @@ typedef enum {
     SW_WARMUP,  /* control is requested, but the window is not full, the speed is out of range, or a test runs */
     SW_CONTROL, /* the jets follow the controller */
     SW_HOLD,    /* pressures are missing: the last command is held */
-    SW_DECAY,   /* pressures are missing for longer: the command is halved each period */
+    SW_DECAY,   /* pressures are missing longer than in HOLD: the command is halved each period */
     SW_FAULT,   /* the jets are shut until good frames arrive and the request rises again */
     SW_UPDATE   /* a new release is being written; only a reset ends this mode */
 } sw_operating_mode;
@@ -88,7 +88,7 @@ typedef struct {
 typedef struct {
     sw_bus_health health;
     uint8_t fault;    /* SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE */
-    uint8_t updating; /* whether a new release is being written: once no jet may run, the ECU is off until a reset */
+    uint8_t updating; /* a new release is being written: as soon as no jet may run, the ECU is off until a reset */
 } sw_surroundings;
 
 /* The state of a receiver. Counts saturate at their largest value. */
@@ -228,7 +228,7 @@ typedef struct {
 #endif
 } sw_ecu_state;
 
-/* The parameters of a release without its controller and its sensor estimator. They are read in place. */
+/* The parameters of a release that belong neither to its controller nor to its sensor estimator; read in place. */
 typedef struct {
     double fast_deviation[SW_SENSORS][SW_SENSORS]; /* [j][i]: Cp deviation of healthy sensor i's residual without j */
     double slow_deviation[SW_SENSORS][SW_SENSORS]; /* as fast_deviation, for the slow means of the residuals */

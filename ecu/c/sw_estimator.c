@@ -41,7 +41,7 @@ static void take_readings(sw_estimator_work *work, const double window[SW_WINDOW
     }
 }
 
-/* Computes the product of a window's column with the first-layer weights of a place, in work->sums. */
+/* Computes work->sums, the product of a window's column and the first-layer weights of a place. */
 ONCE static void product_of(sw_estimator_work *work, int place, int column)
 {
     const sw_estimator_weights *w = work->weights;
@@ -53,7 +53,7 @@ ONCE static void product_of(sw_estimator_work *work, int place, int column)
     sw_dots(work->sums, w->column_rows[place], work->vector, SW_ESTIMATOR_WIDTH, SW_ESTIMATOR_ROWS);
 }
 
-/* Computes the change of the sums if a sensor is left out; work->sums has the product of the sensor's column. */
+/* Computes the change of the sums if a sensor is left out. work->sums must have the product of the sensor's column. */
 ONCE static void left_out(const sw_estimator_work *work, int sensor, int32_t out[SW_ESTIMATOR_WIDTH])
 {
     const sw_estimator_weights *w = work->weights;

@@ -17,7 +17,7 @@ static double clamp(double value, double low, double high) { return smaller(larg
 
 static int is_finite(double value) { return value >= -DBL_MAX && value <= DBL_MAX; }
 
-/* Returns the time between any two times. `to_ns` must not be earlier than `from_ns`. */
+/* Returns the time between two times, without overflow. `to_ns` must not be earlier than `from_ns`. */
 static uint64_t elapsed_ns(int64_t from_ns, int64_t to_ns) { return (uint64_t)to_ns - (uint64_t)from_ns; }
 
 static sw_gated shut(uint8_t why)

@@ -29,8 +29,8 @@ void send_frame(const sw_frame *frame);
 void note_health(sw_bus_health *health);
 
 #if SW_SECOC
-/* Counts this power cycle in non-volatile memory, and reads the key and the freshness values. Returns 0, or 1 if they
- * cannot be read. */
+/* Counts this power cycle in non-volatile memory, and reads the key and the freshness values. Returns 0, or 1 on
+ * failure. */
 int read_authentication(sw_authentication *given);
 
 /* Stores the receivers' newest freshness values, as often as the non-volatile memory's wear permits. */

@@ -6,7 +6,7 @@
 
 #include "ecu_port.h"
 
-#define GRACE 4         /* a step that would begin later than a period / GRACE is skipped */
+#define GRACE 4         /* a step that would begin more than a period / GRACE late is skipped */
 #define LARGEST_SLEW 32 /* a deadline moves by at most a period / LARGEST_SLEW */
 
 static sw_ecu ecu; /* the ECU has no other memory */

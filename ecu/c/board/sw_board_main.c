@@ -1,5 +1,5 @@
-/* The program: it reads frames, steps the ECU once a control period, answers diagnosis and sleeps. A step begins
- * when the pressures arrive. If they do not arrive, the step begins half a period after they were due.
+/* The program: it reads frames, steps the ECU once a control period, answers diagnosis and sleeps. A step begins when
+ * the pressures arrive. If no pressures arrive, it begins half a period after they were due.
  */
 #include "sw_board.h"
 #include "sw_board_equipment.h"

@@ -28,7 +28,7 @@ static volatile uint32_t *record(uint32_t which)
     return &((volatile uint32_t *)(uintptr_t)SW_BOARD_BACKUP)[WORDS * which];
 }
 
-/* Computes the FNV-1a check over words, not bytes. The check is never 0, because 0 marks an empty record. */
+/* Computes the FNV-1a hash over words, not bytes. The result is never 0, because 0 marks an empty record. */
 static uint32_t check_of(const volatile uint32_t *words)
 {
     uint32_t sum = BASIS;

@@ -30,8 +30,8 @@
 #include "sw_ecu.h"
 
 #define ROOM 64              /* largest number of frames read per period; further frames wait in the socket */
-#define GRACE 4              /* a step is skipped if it would begin late by more than a period divided by this number */
-#define LARGEST_SLEW 32      /* a deadline moves by at most a period divided by this number */
+#define GRACE 4              /* a step that would begin more than a period / GRACE late is skipped */
+#define LARGEST_SLEW 32      /* a deadline moves by at most a period / LARGEST_SLEW */
 #define SHUT_PERIODS 3       /* number of last commands, which shut the jets; more than one, as a frame may be lost */
 #define SECOND INT64_C(1000000000)
 

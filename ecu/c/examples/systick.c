@@ -115,7 +115,7 @@ static void send(sw_frame *frame, uint32_t period, uint32_t id, const uint8_t *d
     for (int i = 0; i < length; i++) frame->data[i] = data[i];
 }
 
-/* Writes the frames of a period, counted from 1: pressures, and speed if the release needs it; returns their number. */
+/* Writes the frames of period 1, 2, ..: pressures, and speed if the release needs it. Returns the number of frames. */
 static int vehicle(sw_frame frames[SENT], uint32_t period)
 {
     int count = 1;

@@ -24,7 +24,7 @@
 
 #define CODE_BYTES 3u
 #define ALL_GROUPS 0xffffffu
-#define RECORD 0x01u /* number of the only snapshot of a code, and of its only extended record */
+#define RECORD 0x01u /* number of a code's only snapshot, and of the code's only extended record */
 #define ALL_RECORDS 0xffu
 #define ON 1u
 #define OFF 2u

@@ -47,7 +47,7 @@ typedef struct {
     uint32_t bundle_hash; /* short hash of the booted release; 0 if none is booted */
     uint8_t is_sending;
     uint8_t is_full;   /* whether frames wait because the CAN controller had no room */
-    uint8_t has_begun; /* whether sw_node_service has run since power-on; its first run was at begun_ns */
+    uint8_t has_begun; /* whether sw_node_service has run since power-on; begun_ns is the time of the first run */
     int64_t begun_ns;
     sw_ecu ecu; /* last member; the caller writes `ecu.surroundings.health`, as for sw_ecu_step */
 } sw_node;
@@ -78,7 +78,7 @@ int sw_node_is_request(const sw_frame *frame);
 /* Returns whether sw_node_service has work to do without another frame. */
 int sw_node_is_busy(const sw_node *node);
 
-/* Returns whether the work waits for the flash, or until frames are sent: one call per millisecond is then enough. */
+/* Returns whether the work waits for the flash or for frames to be sent; one call per millisecond is then enough. */
 int sw_node_waits(const sw_node *node);
 
 int sw_node_wants_reset(const sw_node *node);

@@ -41,7 +41,7 @@ uint8_t sw_programming_download(const sw_programming *programming, uint32_t offs
     return is_missing ? 0u : SW_NRC_OUT_OF_RANGE;
 }
 
-/* --- The self-test checks, like ecu/flashable/vehicle_fit.py, whether the running release computes correctly on this
+/* --- Like ecu/flashable/vehicle_fit.py, the self-test checks whether the running release computes correctly on this
  * chip. The test uses the ECU's memory for the control step: no later period needs the content of this memory. ---
  */
 

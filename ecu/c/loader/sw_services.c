@@ -254,7 +254,7 @@ static uint8_t judged(const sw_transfer *transfer, uint8_t counter, uint32_t byt
     return bytes > transfer->missing ? SW_NRC_TRANSFER_SUSPENDED : SW_UDS_MORE;
 }
 
-/* Ends a block. A failed write ends the transfer: the memory's content is known only after a new announcement. */
+/* Ends a block. A failed write ends the transfer: the memory's content is then unknown until a new announcement. */
 static uint8_t block_written(sw_transfer *transfer, uint8_t code)
 {
     if (code == SW_UDS_DONE) transfer->state = SW_TRANSFER_OPEN;
@@ -320,7 +320,7 @@ static uint8_t set_faults(sw_services *services, const uint8_t *body, uint32_t l
 
 static const sw_service rows[] = {
     {SW_SERVICE_SESSION, SW_IN_ALL, 1, 0, control_session, NULL},
-    /* The programming session begins only while the jets are shut; the reset checks again whether they are shut. */
+    /* The programming session begins only while the jets are shut. The reset also checks whether they are shut. */
     {SW_SERVICE_RESET, SW_IN_PROGRAMMING, 1, 0, reset, NULL},
     {SW_SERVICE_CLEAR_FAULTS, SW_IN_ALL, 0, 1, clear_faults, NULL},
     {SW_SERVICE_REPORT_FAULTS, SW_IN_ALL, 1, 0, report_faults, NULL},

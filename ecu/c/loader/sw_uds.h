@@ -78,7 +78,7 @@ void sw_uds_look(sw_uds *uds, int64_t now_ns);
  */
 void sw_uds_request(sw_uds *uds, int64_t now_ns, uint8_t *request, uint32_t length, int is_functional);
 
-/* Executes one part of the present request, or the reset after an answer. Call it within 20 ms while sw_uds_is_busy. */
+/* Executes a part of the request in progress, or the reset after an answer. Call it every 20 ms if sw_uds_is_busy. */
 void sw_uds_tick(sw_uds *uds, int64_t now_ns);
 
 /* Returns whether the request in progress still needs the bytes in the `message` of the sw_isotp. */

@@ -57,7 +57,7 @@ void sw_records_tidy(sw_records *records);
 /* Executes one part of maintenance: blanks the unused sector, or moves the records there if many words are outdated. */
 void sw_records_care(sw_records *records);
 
-/* Begins to erase any sector; sw_records_erased checks the progress. All erasures use these two functions. */
+/* Begins to erase a sector; sw_records_erased checks the progress. All erasures use these two functions. */
 int sw_records_begin_erasing(sw_records *records, uint32_t sector);
 sw_flash_state sw_records_erased(sw_records *records);
 
@@ -71,7 +71,7 @@ int sw_records_read(const sw_records *records, sw_record_kind kind, uint32_t off
 uint32_t sw_records_length(const sw_records *records, sw_record_kind kind);
 
 /* Replaces a record. If the power fails meanwhile, either the old or the new record is valid. Returns 1 if no place can
- * be written, or if the limit allows no place; the old record then stays valid.
+ * be written, or if `limit` permits no place; the old record then stays valid.
  */
 int sw_records_keep(sw_records *records, sw_record_kind kind, const uint8_t *data, uint32_t length);
 

@@ -98,7 +98,7 @@ typedef struct {
     sw_store_opens opens;
     sw_records records;
     sw_store_state state;            /* the stored state; callers may only read it */
-    uint8_t keys[SW_KEY_LIST_BYTES]; /* the signed key list; zeros: the ECU has none and accepts no release */
+    uint8_t keys[SW_KEY_LIST_BYTES]; /* the signed key list; zeros: there is no list, and the ECU accepts no release */
     uint8_t reason;      /* sw_boot_reason of the last boot */
     uint8_t verdicts[2]; /* sw_verdict of the last boot; SW_VERDICT_NONE: slot not checked */
     uint8_t running;     /* the booted slot, until its image is overwritten; or SW_NO_SLOT */
@@ -149,7 +149,7 @@ void sw_store_drop(sw_store *store);
 sw_store_result sw_store_activate(sw_store *store); /* errors: OUT_OF_ORDER, BAD_MEMORY */
 sw_store_result sw_store_confirm(sw_store *store);  /* errors: OUT_OF_ORDER, BAD_MEMORY */
 
-/* Lets the earlier release boot at the next reset. store->verdict is then GOOD, or the reason why it may not run. */
+/* Lets the earlier release boot at the next reset. store->verdict is then GOOD, or why the release may not run. */
 sw_store_result sw_store_revert(sw_store *store); /* errors: OUT_OF_ORDER, BAD_MEMORY */
 
 /* Replaces the key list by a list that the root key signed. Errors: BAD_KEYS, BAD_MEMORY. */

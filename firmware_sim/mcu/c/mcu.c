@@ -18,7 +18,7 @@ static sw_workspace workspace;
 
 extern unsigned char mcu_hot_start[], mcu_hot_end[], mcu_hot_load[];
 
-/* Copies the constants that every step reads into data TCM, then resets the input. */
+/* Copies to data TCM the constants that every step reads, then resets the input. */
 void mcu_reset(void)
 {
     memcpy(mcu_hot_start, mcu_hot_load, (size_t)(mcu_hot_end - mcu_hot_start));
@@ -39,7 +39,7 @@ int mcu_step(void)
     return (int)status;
 }
 
-/* Steps with a weight that the prior does not support, so that all iterations run. */
+/* Runs a step with a weight that the prior does not support, so that all iterations run. */
 int mcu_longest_step(void)
 {
     mcu_input.weights[SW_RATE] += 1e-6f;

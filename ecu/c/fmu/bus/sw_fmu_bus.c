@@ -217,7 +217,7 @@ static int take_operation(fmu_memory *kept, uint32_t code, const uint8_t *argume
     }
 }
 
-/* Processes all operations. An operation with a wrong length makes the following operations unreadable. */
+/* Processes all operations. After an operation with a wrong length, further operations cannot be read. */
 void fmu_take_operations(fmu_memory *kept)
 {
     fmu_side *side = &kept->side;

@@ -62,7 +62,7 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
 
 /* clang-format off */
 
-/* Multiplies two rows of a tile by both vectors, x and z: eight multiplications, with other instructions between. */
+/* Multiplies two rows of a tile by both vectors, x and z: eight multiplications between other instructions. */
 #define SW_TWO_ROWS                                                                                          \
     "smlad %[s0], %[t], %[za], %[s0]\n" "ldr %[u], [%[w]], #12\n"                                           \
     "smlad %[s1], %[t], %[xa], %[s1]\n" "sxtb16 %[wa], %[wa], ror #8\n"                                     \

@@ -56,7 +56,7 @@ static inline sw_fine sw_fine_of(float bound, float top)
     return fine;
 }
 
-/* Returns the bits of a number that is not negative; for a negative number, the bits of its magnitude minus 1. */
+/* Returns a number that is not negative unchanged; for a negative number, returns its magnitude minus 1. */
 static inline uint32_t sw_bits_of(int32_t value) { return (uint32_t)(value ^ (value >> 31)); }
 
 /* Computes dJ/du from dJ/dh; `sums` has dJ/dh in units of `unit`, and is overwritten. Writes dJ/du times the row scales

@@ -1,5 +1,5 @@
 /* A control step: it computes the initial plan, encodes the window, optimises the plan, and predicts the plan's
- * effects. The file also has the functions of the input: its reset, and the addition of a row to the window.
+ * effects. The file also has the functions that reset the input and add a row to its window.
  */
 #include "stillwake.h"
 #include "sw_cost.h"
