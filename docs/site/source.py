@@ -34,8 +34,8 @@ class Member:
         name: name in the module or class.
         signature: text that follows the name, such as "(x: int) -> str".
         options: options of the directive.
-        docstring: "" for a function or a class without a docstring.
-        members: definitions in a class.
+        docstring: the docstring; "" if a function or a class has none.
+        members: the definitions in a class.
     """
 
     kind: Kind

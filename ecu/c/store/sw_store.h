@@ -3,8 +3,8 @@
  *
  *     announce, append .., finish     write an image into the slot that is not protected, and check it in flash
  *     activate                        lets the image boot from the next reset on, at most SW_TRIAL_BOOTS times
- *     confirm                         keeps the image; the least security version rises to the image's version
- *     revert                          lets the previous release boot again
+ *     confirm                         ends the trial; the least security version rises to the image's version
+ *     revert                          lets the previous release boot at the next reset
  *
  * A power loss may interrupt any call. If there was a valid image before, the next boot then finds a valid image from
  * the stored state. The code is freestanding, without allocation or static state. Long work is done in parts: after
