@@ -21,7 +21,7 @@ _TRAILER: Final = ("Freshness", "MAC")
 
 @cache
 def _messages() -> tuple[tuple[Message, ...], ...]:
-    """Return for each message its forms in CAN FD, classic CAN and authenticated CAN FD."""
+    """Return the forms of each message in CAN FD, classic CAN and authenticated CAN FD."""
     dbc = Database()
     dbc.add_dbc_string(DBC.read_text(encoding="utf-8"))
     sets = (dbc.get_message_by_name(spec.name) for one in (FD, CLASSIC, SECURED) for spec in one.specs)
@@ -52,7 +52,7 @@ def signals() -> str:
 
 
 def trailers() -> str:
-    """Return a table with the first bits of freshness value and authentication code in each message."""
+    """Return a table with the first bits of the freshness value and the authentication code in each message."""
     found = [[twins[2].get_signal_by_name(name) for name in _TRAILER] for twins in _messages()]
     means = (f"`{one.name}` ({_type(one)}): {one.comment}" for one in found[0])
     rows = ((twins[2].name, *(str(one.start) for one in pair)) for twins, pair in zip(_messages(), found, strict=True))
@@ -60,7 +60,7 @@ def trailers() -> str:
 
 
 def values() -> str:
-    """Return a list of the numbers of modes and reasons, with their names."""
+    """Return a list of the modes' and reasons' numbers and names."""
     places = {"Mode": _messages()[2][0], "Reason": _messages()[3][0]}
     return "\n\n".join(f"`{name}`: {_choices(one.get_signal_by_name(name))}." for name, one in places.items())
 
@@ -79,7 +79,7 @@ def _rows(twins: tuple[Message, ...], names: Iterable[str]) -> Iterable[tuple[st
 
 
 def _place(found: list[Signal]) -> str:
-    """Return the first bits of the signals that share a row, and the type and resolution that they have in common."""
+    """Return the first bits of the signals that share a row, and the type and resolution of these signals."""
     one = found[0]
     step = f", {one.scale:g} {one.unit or ''}".rstrip() if one.unit or one.scale != 1 else ""
     return f"{'/'.join(str(signal.start) for signal in found)}, {_type(one)}{step}"
@@ -91,8 +91,8 @@ def _type(one: Signal) -> str:
 
 
 def _meaning(fd: list[Signal], classic: list[Signal]) -> str:
-    """Return the comment on the CAN FD signal in the DBC, and those parts of the classic signal's comment that
-    differ."""
+    """Return the CAN FD signal's comment from the DBC, and the parts of the classic signal's comment that differ from
+    it."""
     text, other = (_comment(found) for found in (fd, classic or fd))
     added = [part for part in re.split(r"(?<=[.;,]) ", other) if part.rstrip(".;,") not in text]
     return f"{text} Classic: {' '.join(added)}" if added else text

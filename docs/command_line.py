@@ -13,10 +13,10 @@ import typer
 from stillwake.__main__ import PANELS, app
 
 WORDS: Final = {Path: "PATH", str: "TEXT", float: "NUMBER", int: "INTEGER"}
-"""Words that stand for the values of options, by the value's type; an option may define its own word."""
+"""The word that stands for an option's value, by the value's type. An option may define another word."""
 
 _STATED: Final = re.compile(r"\bstatus\b|\bEnds with\b")
-"""A pattern that finds the help's paragraphs about exit statuses, which the page contains, too."""
+"""A pattern that finds the help's paragraphs about exit statuses. The page also contains these paragraphs."""
 _CODE: Final = re.compile(r"(`[^`]*`)")
 _PAGE: Final = re.compile(r"\bdocs/([\w-]+)/([\w-]+)\.md")
 _WORD: Final = re.compile(r"(?<!\S)((?:--set )?[^\s(`]*=[^\s,;)]*[^\s,;).:]|--[a-z][\w-]*)")
@@ -24,7 +24,7 @@ _WORD: Final = re.compile(r"(?<!\S)((?:--set )?[^\s(`]*=[^\s,;)]*[^\s,;).:]|--[a
 
 @cache
 def commands() -> dict[str, Any]:
-    """Return every command by its words after `stillwake`, without groups."""
+    """Return every command by the words that follow `stillwake`. Groups of commands are left out."""
     return dict(_commands("", typer.main.get_command(app)))
 
 
@@ -38,7 +38,7 @@ def _commands(name: str, command: Any) -> Iterator[tuple[str, Any]]:
 
 
 class _Option(NamedTuple):
-    """An argument or an option in a line of the page, without its default."""
+    """An argument or an option as a line of the page shows it, without the default."""
 
     name: str
     bounds: str
@@ -50,7 +50,7 @@ class _Option(NamedTuple):
 
 
 def common_options() -> str:
-    """Return a line for each option that several commands have with equal texts."""
+    """Return a line for each option that has the same text in several commands."""
     return "\n".join(sorted(one.line() for one in _common()))
 
 
@@ -89,8 +89,8 @@ def _sections(name: str, command: Any) -> Iterator[str]:
 
 
 def _explained(command: Any) -> str:
-    """Return the first paragraph of a command's help, the paragraphs on exit statuses, and the links in the other
-    paragraphs."""
+    """Return the first paragraph of a command's help and the paragraphs on exit statuses. Only the links of the other
+    paragraphs are returned."""
     first, *others = command.help.split("\n\n")
     stated = [text for text in others if _STATED.search(text)]
     pages = sorted({found[0] for text in others if text not in stated for found in _PAGE.finditer(text)})
@@ -108,7 +108,7 @@ def _options(command: Any) -> Iterator[tuple[_Option, str]]:
 
 
 def _help(parameter: Any) -> str:
-    """Return a parameter's help, with "see `--help`" in place of "see above", because the page lacks that text."""
+    """Return a parameter's help. "see above" becomes "see `--help`", because the page lacks the text above."""
     return (parameter.help or "").replace("see above", "see `--help`")
 
 

@@ -1,4 +1,4 @@
-"""The settings with which Sphinx builds the site (`make docs`). Neither the build nor the site uses a network."""
+"""The settings with which Sphinx builds the site (`make docs`). The build and the site use no network."""
 
 import sys
 from importlib.metadata import version as installed
@@ -23,7 +23,7 @@ extensions = [
     "docs.site.browser_ecu",
 ]
 source_suffix = {".rst": "restructuredtext", ".md": "markdown", ".markdown": "markdown"}
-# The site's first page already contains the list of documents that docs/README.md has.
+# The site's first page already contains the list of documents in docs/README.md.
 exclude_patterns = ["README.md"]
 # Otherwise Sphinx would change the two hyphens of options to a dash.
 smartquotes = False
@@ -32,7 +32,7 @@ default_role = "literal"
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
 
-# Every page contains the list of all pages; with all functions in this list, the build takes three times as long.
+# Every page contains the list of all pages. If this list had all functions, the build would take three times as long.
 toc_object_entries = False
 add_module_names = False
 

@@ -1,6 +1,6 @@
 """The lists of `docs/reference/diagnosis.md`, from the numbers and permissions of UDS and XCP.
 
-This module has a text with the meaning of each number; a number without a text is an error.
+This module has a text that explains each number. A number without a text is an error.
 """
 
 import struct
@@ -60,9 +60,9 @@ SERVICE_TEXTS: Final[Mapping[Service, str]] = {
     "always allowed, and the end of the session also resets the ECU",
     Service.CLEAR_FAULTS: "clear a code of [faults](#faults) (3 bytes), or `FF FF FF` for all, while no jet can run",
     Service.REPORT_FAULTS: "`01`: number of the codes with one of the status bits in the request (1 byte); `02`: these "
-    "codes; `04`, code (3 bytes), record (`01` or `FF`): the code's snapshot; `06`, likewise: its age; `0A`: all codes",
+    "codes; `04`, code (3 bytes), record (`01` or `FF`): the code's snapshot; `06`, likewise: the age; `0A`: all codes",
     Service.READ: f"read up to {MAX_DIDS} identifiers; the answer leaves out unknown identifiers",
-    Service.SECURITY: "request a level's seed; send the answer to the seed",
+    Service.SECURITY: "request a level's seed; answer the seed",
     Service.COMMUNICATION: "`01`, kind `01` or `03`: stop sending JetCommand and EcuStatus, under the conditions of a "
     "reset and only while no jet can run; `00` or the default session: send them again",
     Service.WRITE: "write an identifier",
@@ -85,7 +85,7 @@ DID_TEXTS: Final[Mapping[Did, str]] = {
     Did.PERIOD_NS: "control period in ns, 8 bytes",
     Did.CALIBRATION: "read: the calibration in force; write: the calibration from the next control period on",
     Did.CALIBRATION_LIMITS: f"the smallest, the largest and the release's own values, {3 * PACKED_BYTES} bytes",
-    Did.CALIBRATION_STORED: "read: 1 if values are stored; write: 1 stores the calibration, 0 restores the release's",
+    Did.CALIBRATION_STORED: "read: 1 if values are stored; write: 1 stores the values, 0 restores the release's values",
 }
 ROUTINE_TEXTS: Final[Mapping[Routine, str]] = {
     Routine.PRECONDITIONS: "check whether the ECU may be programmed now",
@@ -108,7 +108,7 @@ NRC_TEXTS: Final[Mapping[Nrc, str]] = {
     Nrc.OUT_OF_RANGE: "unknown identifier, routine (in this session), code or record; or an invalid value",
     Nrc.SECURITY_ACCESS_DENIED: "the level is locked",
     Nrc.INVALID_KEY: "the answer to the seed is wrong",
-    Nrc.EXCEEDED_ATTEMPTS: f"wrong answer number {MAX_ATTEMPTS} in a row, or a later one",
+    Nrc.EXCEEDED_ATTEMPTS: f"at least {MAX_ATTEMPTS} wrong answers in a row",
     Nrc.DELAY_NOT_EXPIRED: f"a seed was requested within {DELAY_NS / 1e9:g} s after too many wrong answers",
     Nrc.UPLOAD_DOWNLOAD_NOT_ACCEPTED: "",
     Nrc.TRANSFER_SUSPENDED: "a block has more bytes than are missing",
@@ -119,7 +119,7 @@ NRC_TEXTS: Final[Mapping[Nrc, str]] = {
     Nrc.SERVICE_NOT_IN_SESSION: "",
 }
 UNSENT: Final = frozenset({Nrc.UPLOAD_DOWNLOAD_NOT_ACCEPTED})
-"""Codes that only the tester's code contains, because the ECU never sends them."""
+"""Codes that the ECU never sends. Only the tester's code contains these codes."""
 SNAPSHOT_TEXTS: Final[Mapping[Snapshot, str]] = {
     Snapshot.TIME_MS: "milliseconds since power-on",
     Snapshot.MODE_BEFORE: "mode of EcuStatus in the previous control period",
@@ -164,7 +164,7 @@ STATED: Final = (
     f"While {XCP_PLACES} answers wait to be sent",
     f"After {IDLE_NS // 60_000_000_000} minutes without a command",
 )
-"""Phrases of the page with numbers from the code; a test compares them with the page."""
+"""Phrases of the page that contain numbers from the code. A test checks that the page has these phrases."""
 
 
 def _services() -> str:

@@ -2,8 +2,8 @@
 
     python -m docs.page_pictures
 
-A server runs the shipped release on the live wake. When control has calmed the wake, a sensor dies. Later the page is
-taken in a dark, a light and a narrow window. `docs/pictures/provenance.json` has the pictures' hashes.
+A server runs the shipped release on the live wake. When control has calmed the wake, a sensor dies. Pictures of the
+page in a dark, a light and a narrow window follow. `docs/pictures/provenance.json` has the pictures' hashes.
 """
 
 import io
@@ -35,19 +35,18 @@ PICTURES: Final[dict[Path, tuple[tuple[int, int], Scheme]]] = {
     DOCS / "pictures" / "live_page_light.webp": (WIDE, "light"),
     DOCS / "pictures" / "live_page_phone.webp": (NARROW, "dark"),
 }
-"""Size of the browser's window in pixels and colour scheme for each picture's file."""
+"""The window's size in pixels and the colour scheme of each picture, by the picture's file."""
 QUALITY: Final = 82
 MOST_BYTES: Final = 300_000
 DEAD: Final = "base_9"
 DIES, TAKEN = 42.0, 59.2
-"""Time in t_c at which the sensor dies; time in t_c at which the pictures are taken, when the ECU has set the sensor
-aside."""
+"""Times in t_c at which the sensor dies, and at which the pictures are taken: after the ECU has excluded the sensor."""
 PATIENCE_S: Final = 1800.0
 _ARGUMENTS: Final = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking")
 
 
 def main() -> None:
-    """Take all pictures. Raises StillwakeError without a browser, or if the server ends."""
+    """Take all pictures. Raises StillwakeError if there is no browser, or if the server ends."""
     with _server() as url, chromium() as browser:
         pages = {path: _opened(browser, url, *how) for path, how in PICTURES.items()}
         first, *_ = pages.values()
@@ -87,7 +86,7 @@ def _until(page: Page, t: float) -> None:
     end = time.monotonic() + PATIENCE_S
     while (page.evaluate("stillwake.page.stream.now?.t") or 0.0) < t:
         if time.monotonic() > end:
-            raise StillwakeError(f"the loop did not come to t = {t:g} within {PATIENCE_S:g} s")
+            raise StillwakeError(f"the loop did not reach t = {t:g} within {PATIENCE_S:g} s")
         time.sleep(0.2)
 
 
@@ -96,12 +95,12 @@ def write(path: Path, png: bytes) -> None:
     with Image.open(io.BytesIO(png)) as image:
         image.convert("RGB").save(path, quality=QUALITY, method=6)
     if path.stat().st_size > MOST_BYTES:
-        raise StillwakeError(f"{path.name}: {path.stat().st_size} bytes; must have at most {MOST_BYTES}")
+        raise StillwakeError(f"{path.name}: has {path.stat().st_size} bytes; must have at most {MOST_BYTES}")
 
 
 @contextmanager
 def _server() -> Iterator[str]:
-    """Run the server inside the block, and yield the page's address."""
+    """Run the server until the `with` block ends, and yield the page's address."""
     command = [sys.executable, "-m", "stillwake", "live", "--port", "0", "--fast"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
@@ -122,9 +121,7 @@ def note(pictures: Iterable[Path]) -> None:
     content = json.loads(PROVENANCE.read_text(encoding="utf-8"))
     shipped = bundle.load(BUNDLE).digest
     if content["bundle"] != shipped:
-        raise StillwakeError(
-            f"{PROVENANCE.name}: of another bundle than is shipped; draw docs/release_pictures.py first"
-        )
+        raise StillwakeError(f"{PROVENANCE.name}: is not for the shipped bundle; run docs/release_pictures.py first")
     content["files"] |= {str(path.relative_to(DOCS.parent)): sha256(path) for path in pictures}
     PROVENANCE.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 

@@ -26,11 +26,11 @@ PROVENANCE: Final = DOCS / "pictures" / "provenance.json"
 
 
 def main(folder: RunFolder) -> None:
-    """Draw both pictures from a run folder. Raises StillwakeError if its run is not of the shipped bundle."""
+    """Draw both pictures from a run folder. Raises StillwakeError if the run is not of the shipped bundle."""
     log = run_log.load(folder.series)
     shipped = bundle.load(BUNDLE).digest
     if log.metadata.digest != shipped:
-        raise StillwakeError(f"{folder.path}: a run of bundle {log.metadata.digest[:12]}, shipped is {shipped[:12]}")
+        raise StillwakeError(f"{folder.path}: is of bundle {log.metadata.digest[:12]}; shipped is {shipped[:12]}")
     write_picture(folder, OVERVIEW)
     write_film(ANIMATION, log, story_of(log))
     pictures = {str(path.relative_to(DOCS.parent)): sha256(path) for path in (OVERVIEW, ANIMATION)}

@@ -1,9 +1,9 @@
 """Draw `docs/rooms.svg` from the imports in the source: `make generated`.
 
-The picture has a box for each top-level package (room), and in it a label (chip) for each of the package's folders. An
-arrow between two rooms is an import; its number counts the modules of the lower room that the upper room uses. Each
-room is on the lowest row (floor) from which all its imports point down, so circular imports are an error. The boxes
-leave gaps in which every arrow is a straight line.
+The picture has a box for each top-level package (room). A box has a label (chip) for each of the package's folders. An
+arrow from one room down to another is an import. The arrow's number counts the lower room's modules that the upper
+room uses. Each room is on the lowest row (floor) from which all its imports point down, so circular imports are an
+error. The boxes leave gaps, so that every arrow is a straight line.
 """
 
 import ast
@@ -31,20 +31,20 @@ ROOMS: Final = {
     "export": (3, 3, "from the model to ONNX, C and bundle"),
     "contract": (0, 3, "data and formats that packages share: geometry, sensors, units, errors, the DBC"),
 }
-"""First and last of the four columns that a room's box covers, and a text about the room's content, by room."""
+"""For each room, the first and the last of the four columns that its box covers, and a text about its content."""
 TOP: Final = "stillwake"
 """The room whose arrows are not drawn, because it has an arrow to every other room."""
 
 Uses = Mapping[tuple[str, str], int]
-"""Number of the second room's modules that the first room imports, by the names of both rooms."""
+"""The number of modules that a room imports from another room, by the names of the importing and the other room."""
 
 WIDTH, MARGIN, GAP, FLOOR = 960, 20, 44, 60
 CHANNEL, APART = 34, 26
-"""Free width in px at each side of a box, for arrows past the box; smallest distance in px between two arrows."""
+"""Free width in px beside a box, for arrows that pass the box; smallest distance in px between two arrows."""
 FILL: Final = ("#e6edf6", "#eef4e8", "#fdf2df", "#f2ecf7", "#f7e9e9")
 """Colours of the floors, from the lowest up."""
 LETTER = 8.2
-"""Assumed width of a letter in px, for text of 14 px; in usual fonts the average letter is not wider."""
+"""Assumed width of a letter in px, for text of 14 px. In usual fonts the average width is not greater."""
 _NAMES: Final = r"[\w.]+(?: as \w+)?(?:, [\w.]+(?: as \w+)?)*"
 _IMPORT: Final = re.compile(rf"^[ \t]*((?:from [\w.]+ )?import (?:\([^)]*\)|{_NAMES}))[ \t]*(?:#.*)?$", re.MULTILINE)
 INK, LINE = "#17202b", "#5b6b7d"
@@ -60,7 +60,7 @@ class Box:
 
 @cache
 def imports(root: Path) -> dict[tuple[str, str], int]:
-    """Return the number of imported modules by the importing and the imported room."""
+    """Return the number of imported modules, by the names of the importing and the imported room."""
     used: defaultdict[tuple[str, str], set[str]] = defaultdict(set)
     for room in ROOMS:
         for path in sorted((root / room).rglob("*.py")):
@@ -72,7 +72,7 @@ def imports(root: Path) -> dict[tuple[str, str], int]:
 
 
 def import_statements(text: str) -> list[ast.stmt]:
-    """Return every import of a Python source, also in functions. Parsing all lines takes thirty times as long."""
+    """Return all imports of a Python source, also in functions. Parses only imports, which is thirty times as fast."""
     return ast.parse("\n".join(_IMPORT.findall(text))).body
 
 
@@ -100,7 +100,7 @@ def floors(uses: Uses) -> dict[str, int]:
             return floor
         floor = raised
     circle = [room for room in ROOMS if floor[room] >= len(ROOMS) - 1]
-    raise ValueError(f"rooms import each other in a circle: {', '.join(circle or ROOMS)}: cut one of the imports")
+    raise ValueError(f"rooms import each other in a circle: {', '.join(circle or ROOMS)}: remove one of the imports")
 
 
 def folders(root: Path, room: str) -> list[str]:
@@ -133,7 +133,7 @@ font-family="system-ui, 'Segoe UI', Helvetica, Arial, sans-serif" fill="{INK}">
 
 
 def _boxes(root: Path, floor: Mapping[str, int]) -> tuple[dict[str, Box], float]:
-    """Return the boxes from the top floor down, and the lower edge of the lowest box."""
+    """Return the boxes, the top floor's boxes first, and the lower edge of the lowest box."""
     column = (WIDTH - 2 * MARGIN - 3 * GAP) / 4
     boxes: dict[str, Box] = {}
     top = float(MARGIN)
@@ -198,7 +198,7 @@ def _room(root: Path, room: str, box: Box, fill: str) -> str:
 
 
 def _free(boxes: Mapping[str, Box], upper: str, lower: str, taken: list[tuple[float, float, float]]) -> float:
-    """Return the middle of the widest gap for a straight arrow between two boxes, beside other boxes and arrows.
+    """Return the middle of the widest gap for a straight arrow between two boxes; other boxes and arrows limit gaps.
 
     Raises:
         ValueError: if there is no such gap.

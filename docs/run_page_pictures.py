@@ -2,7 +2,7 @@
 
     python -m docs.run_page_pictures RUN_FOLDER OTHER_FOLDER
 
-The pictures show the first run's page and a comparison of both runs, at a time at which control has calmed the wake.
+The pictures show the first run's page and a comparison of both runs, at a time when control has calmed the wake.
 `docs/pictures/provenance.json` has the pictures' hashes.
 """
 
@@ -23,14 +23,14 @@ RUN: Final = DOCS / "pictures" / "run_page.webp"
 COMPARED: Final = DOCS / "pictures" / "compare_page.webp"
 WINDOW: Final = (1280, 1080)
 SHOWN: Final = 0.8
-"""Time that the pages show, as a share of the run's duration."""
+"""The time that the pages show, divided by the run's duration."""
 _DRAWN_MS: Final = 2000
-"""Time in ms in which the browser decodes the stills and draws the canvases."""
+"""Waiting time in ms, in which the browser decodes the stills and draws the canvases."""
 
 
 def main(folders: list[RunFolder]) -> None:
-    """Write both pages and take their pictures. Raises StillwakeError without a browser, or if a folder is not a run's
-    folder."""
+    """Write both pages and take their pictures. Raises StillwakeError if there is no browser, or if a folder is not
+    a run's folder."""
     with tempfile.TemporaryDirectory() as place, chromium() as browser:
         _take(browser, write_report(folders[0], Path(place) / "run.html"), "dark", RUN)
         _take(browser, write_comparison(folders, Path(place) / "compare.html"), "light", COMPARED)

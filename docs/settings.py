@@ -11,9 +11,9 @@ from contract.config.loading import load_config
 from contract.config.rules import Source
 
 _SIGNS: Final = {"at least ": "≥", "positive": "", "non-negative": "≥0", "in ": ""}
-"""Short forms for the first words of a bound; the page leaves out "positive"."""
+"""Short forms of the words at the beginning of a bound. The page leaves out "positive"."""
 _LONGEST: Final = 6
-"""Largest number of words of a bound that the page repeats; a longer bound is in the text of the section."""
+"""Largest number of words in a bound on the page. The text of the section has longer bounds."""
 
 
 def lists() -> str:
@@ -29,7 +29,7 @@ def _section(section: Section) -> str:
 
 
 def _line(one: Setting, common: str) -> str:
-    """Return a setting's line; it states the source unless the section or the setting's text states it."""
+    """Return a setting's line. The line has the source, unless the section or the setting's text has it."""
     unit = f" {one.unit}" if one.unit else ""
     bounds = _bounds(one)
     allowed = f" ({bounds})" if bounds else ""
@@ -40,7 +40,7 @@ def _line(one: Setting, common: str) -> str:
 
 
 def _bounds(one: Setting) -> str:
-    """Return a setting's bound without the reason that its error message states; "" for positive numbers and for
+    """Return a setting's bound, without the reason that is in the error message; "" for positive numbers and for
     text."""
     bounds = one.bounds.partition(":")[0].partition(", for ")[0]
     if not bounds and isinstance(one.value, int) and not isinstance(one.value, bool):
@@ -51,7 +51,7 @@ def _bounds(one: Setting) -> str:
 
 
 def _source(source: Source) -> str:
-    """Return the source of a default: with a link to the page that explains it, or with the reason."""
+    """Return a default's source, with a link to the page that explains the source, or with the reason."""
     if source.page:
         return f"[{source.name}]({os.path.relpath(source.page, 'reference')})"
     return f"{source.name}, {source.note}" if source.kind == "ours" else source.name

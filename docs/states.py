@@ -1,7 +1,7 @@
-"""The tables of `docs/reference/states.md` from the ECU's table of transitions, and its picture: `make generated`.
+"""The tables and the picture of `docs/reference/states.md`, from the ECU's table of transitions: `make generated`.
 
-This module has the positions of the picture's boxes and lines; the numbers on the lines are the numbers of the table's
-rows. A transition without a line, or a line without a transition, is an error.
+This module has the positions of the boxes and lines in the picture. The number on a line is the number of a row in the
+table. A transition without a line, or a line without a transition, is an error.
 """
 
 import sys
@@ -39,17 +39,17 @@ GROUPS: Final = (
     ("accepted request", (330, 40, 615, 360), "#e6edf6"),
     ("jets may run", (700, 70, 225, 325), "#fdf2df"),
 )
-"""Rectangles (x, y, width, height) around several states; a line from a rectangle's edge leads from all states
-inside."""
+"""Rectangles (x, y, width, height) around several states. A line from a rectangle's edge begins at all states in the
+rectangle."""
 UNWANTED, WANTED = "INIT STANDBY ARMED", "WARMUP CONTROL HOLD DECAY"
 CHOICE: Final = (560, 245)
-"""Middle of the diamond, which is not a state: lines from ARMED and from an accepted request branch there."""
+"""Middle of the diamond. It is no state, but a point where lines from ARMED and from an accepted request branch."""
 _FEW: Final = 3
-"""Largest number of missing states that a row lists after "all but"."""
+"""Largest number of states that a row lists after "all but"."""
 
 
 class Line(NamedTuple):
-    """A line in the picture from one or several states to a state, with its corners and the middle of its label."""
+    """A line from one or several states to a state in the picture, with the line's corners and its label's middle."""
 
     start: str
     to: str
@@ -95,19 +95,19 @@ def transitions() -> str:
 
 
 def _names(start: frozenset[OperatingMode]) -> str:
-    """Return the names of states in the order of their definition, or "all but" the missing states if these are few."""
+    """Return the states' names in the order of definition; if only few states are missing, "all but" their names."""
     names, others = ([mode.name for mode in OperatingMode if (mode in start) is inside] for inside in (True, False))
     return f"all but {', '.join(others)}" if len(others) <= _FEW < len(names) else ", ".join(names)
 
 
 def _within(periods: str) -> str:
-    """Return the number of periods, with settings in code style; "" if the ECU reacts in the same period."""
+    """Return the number of periods after which the ECU reacts, with settings in code style; "" for the same period."""
     words = (f"`{word}`" if word.isidentifier() else word for word in periods.split())
     return "" if periods == "1" else f"; for {' '.join(words)} periods"
 
 
 def _meanings() -> dict[OperatingMode, str]:
-    """Return the docstring of each state in the source."""
+    """Return each state's docstring from the source."""
     members = source.read(Path(fail_safe.__file__), fail_safe.__name__).members
     (found,) = (one for one in members if one.name == OperatingMode.__name__)
     return {
@@ -160,7 +160,7 @@ font-family="system-ui, 'Segoe UI', Helvetica, Arial, sans-serif" fill="{INK}">
 
 
 def _ranges(numbers: list[int]) -> str:
-    """Return numbers as ranges: 1, 2, 3, 5 as "1-3, 5"."""
+    """Return numbers as ranges. For example, 1, 2, 3, 5 become "1-3, 5"."""
     parts: list[list[int]] = []
     for number in numbers:
         if parts and parts[-1][-1] == number - 1:
@@ -204,7 +204,7 @@ STATED: Final = (
     f"**{_CONFIG.loss_limit - 1} of any {_CONFIG.loss_window} periods**",
     f"**{_CONFIG.hold_periods + _CONFIG.decay_periods} in a row**",
 )
-"""Phrases of the page with numbers from the code; a test compares them with the page."""
+"""Phrases of the page that contain numbers from the code. A test checks that the page has these phrases."""
 PARTS: Final[Mapping[str, Callable[[], str]]] = {"states": states, "transitions": transitions}
 
 if __name__ == "__main__":

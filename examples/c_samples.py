@@ -1,10 +1,10 @@
-"""Write a small sample of each kind of C library, with random weights, to read, compile and debug it.
+"""Write a small sample of each kind of C library, with random weights, for reading, compiling and debugging.
 
     python -m examples.c_samples build/c
 
-This command writes the folders `build/c/float32` and `build/c/int8`, in the form of `stillwake export --c`. Each folder
-also has a `compile_flags.txt` for editors that use clangd. While the samples are in `build/c`, such an editor also
-finds all headers of the sources in `export/to_c/sources`.
+This command writes the folders `build/c/float32` and `build/c/int8` in the same form as `stillwake export --c`. Each
+folder also has a `compile_flags.txt` for editors that use clangd. While the samples are in `build/c`, such an editor
+also finds all headers that the sources in `export/to_c/sources` include.
 """
 
 from pathlib import Path
@@ -40,7 +40,7 @@ def main(folder: Annotated[Path, typer.Argument(help="Where to write the samples
     folder.mkdir(parents=True, exist_ok=True)
     libraries = {"float32": c_library(program), "int8": int8_library(program, windows)}
     for kind, library in libraries.items():
-        # Window, sensors and horizon are equal for both kinds, so `program.sizes` is right for both.
+        # `program.sizes` is right for both kinds, because window, sensors and horizon are equal.
         controller = CController(library, program.sizes)
         answers = replay(controller, sliding, program.mpc.horizon)
         contents = with_answer(library, controller.known_answer()) | others | {EXPECTED: rows_text(answers).encode()}

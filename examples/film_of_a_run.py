@@ -2,8 +2,8 @@
 
     python -m examples.film_of_a_run runs/demo film.webp
 
-Scales, positions and sizes of texts are the same in all frames, so that only the flow moves. The film is for a README:
-a few words show when control begins and how much it reduces the drag.
+Scales, and positions and sizes of texts, are the same in all frames, so that only the flow moves. The film is for a
+README: a few words show when control begins and how much control reduces the drag.
 """
 
 import sys
@@ -54,7 +54,7 @@ VIEW: Final[View] = (4.6, 19.6, -2.15, 2.15)
 _LEVEL: Final = 5.0
 """|vorticity| at the ends of the colour map, in U_inf / W."""
 _ROOT: Final = 0.75
-"""Exponent of |vorticity| / `_LEVEL` before it is coloured. Below 1 it makes weak vortices far downstream visible."""
+"""Exponent of |vorticity| / `_LEVEL` before colouring. An exponent below 1 makes weak vortices visible downstream."""
 _ARROW: Final = 1.8
 """Length in W of the arrow of a jet at the action's bound."""
 _DPI: Final = 100.0
@@ -65,7 +65,7 @@ BEFORE: Final = 11.0
 AFTER: Final = 50.0
 """Longest time in t_c that a film shows under control."""
 HOLD: Final = 2.5
-"""Additional time in s for which a film shows its last frame."""
+"""Additional time in s for which a film shows the last frame."""
 _MINUS: Final = "\N{MINUS SIGN}"
 _CYCLE: Final = 5.0
 """Shedding period of the uncontrolled wake, in t_c."""
@@ -80,7 +80,7 @@ class Story:
     Attributes:
         begin, end: first and last time that the film shows, in t_c.
         control: time at which control begins, in t_c.
-        drag_before: mean wall Cd without control; the film shows the drag's change relative to it.
+        drag_before: mean wall Cd without control. The film shows the change of the drag relative to this mean.
     """
 
     begin: float
@@ -93,9 +93,9 @@ class Film:
     """A dark figure that shows the present state of a plant, and drag and action up to the present.
 
     Args:
-        wake: the plant. Call `record` at every control period, also between frames.
+        wake: the plant. Call `record` in every control period, even if no frame is drawn.
         story: the times that the film shows, and the drag without control.
-        sensor_names: the controller's sensors, which are drawn as bright dots; all other sensors are small dots.
+        sensor_names: the controller's sensors, drawn as bright dots; all other sensors are drawn as small dots.
         width: width of the picture in pixels; width and height must be even.
 
     Attributes:
@@ -130,7 +130,7 @@ class Film:
         self._traces = self._draw_traces(1.0 - share)
 
     def record(self) -> None:
-        """Store drag and action of the plant's present state."""
+        """Store the plant's present drag and action."""
         sample = self._wake.sample()
         self._times.append(sample.t)
         self._drag.append(sample.Cd)
@@ -161,7 +161,7 @@ class Film:
 
     @staticmethod
     def palette() -> Array:
-        """Return the film's n <= 256 colours for a GIF, (n, 3), from 0 to 1."""
+        """Return the film's colours for a GIF, (n, 3) with n <= 256, from 0 to 1."""
         scales = [GLOW(np.linspace(0.0, 1.0, 176))[:, :3]]
         for colour, count in ((PALE, 20), (CALM, 20), (BLOWING, 10), (SUCKING, 10), (DIM, 10), (FAINT, 5)):
             share = np.linspace(0.0, 1.0, count + 1)[1:, None]
@@ -271,7 +271,7 @@ def story_of(log: RunLog, begin: float | None = None, end: float | None = None) 
     """
     t, first = log.series["t"], log.enabled_at
     if not 0 < first < len(t):
-        raise ConfigError("film: the run has no time without control before time with it")
+        raise ConfigError("film: the run must begin without control and continue with control")
     control = float(t[first])
     story = Story(
         begin=max(0.0, control - BEFORE) if begin is None else begin,
@@ -287,7 +287,7 @@ def story_of(log: RunLog, begin: float | None = None, end: float | None = None) 
 
 
 def write_film(path: Path, log: RunLog, story: Story, width: int = 960) -> int:
-    """Simulate a run from the shipped start again, write its film, and return the number of frames.
+    """Repeat the simulation of a run from the shipped start, write a film of it, and return the number of frames.
 
     Raises:
         ConfigError: if the ending of the film's name is unknown.
@@ -296,7 +296,7 @@ def write_film(path: Path, log: RunLog, story: Story, width: int = 960) -> int:
     wake = TruckWake(config.flow)
     wake.reset(developed_state())
     period = config.flow.control_period
-    # Row k of the run's series holds the action that the jets have reached at t_k.
+    # Row k of the run's series has the action that the jets have reached at time t_k.
     actions = log.series["action"][1 : round(story.end / period) + 1]
     film = Film(wake, story, log.metadata.sensors, width)
     return animate(path, film, wake, actions, skip=round(story.begin / period), every=2, fps=20, hold=HOLD)
@@ -305,9 +305,9 @@ def write_film(path: Path, log: RunLog, story: Story, width: int = 960) -> int:
 def main(
     run: Annotated[Path, typer.Argument(help="Folder written by `stillwake run`.")],
     output: Annotated[Path, typer.Argument(help="Film to write: .webp or .gif.")],
-    begin: Annotated[float | None, typer.Option(help="Time of the run in t_c; default: 11 before control.")] = None,
-    end: Annotated[float | None, typer.Option(help="Time of the run in t_c; default: 50 after control.")] = None,
-    width: Annotated[int, typer.Option(help="Pixels.", min=400, max=4000)] = 960,
+    begin: Annotated[float | None, typer.Option(help="First time in t_c; default: 11 before control.")] = None,
+    end: Annotated[float | None, typer.Option(help="Last time in t_c; default: 50 after control.")] = None,
+    width: Annotated[int, typer.Option(help="Width in pixels.", min=400, max=4000)] = 960,
 ) -> None:
     """Write the film of a run under control."""
     try:

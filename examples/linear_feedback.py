@@ -1,4 +1,4 @@
-"""A linear controller of the wake in the environment, fitted to the shipped recording. The program prints the drag.
+"""Fit a linear controller of the wake to the shipped recording, run it in the environment, and print the drag.
 
     python examples/linear_feedback.py [control steps]
 
@@ -23,16 +23,16 @@ from contract.shipped import recording
 SENSORS = ("upper_39", "lower_39", "base_0", "base_9")
 """Names of the sensors in pairs: each sensor is followed by its mirror image."""
 MEMORY, TRANSIENT = 64, 500
-"""Number of control steps that the model reads, and number of steps left out at the start of each episode."""
+"""Number of control steps that the model reads; number of steps at each episode's start that the fit leaves out."""
 RIDGE = 1e-3
 """Weight of the ridge penalty of the regression, for regressors that are scaled to a mean square of 1."""
 WEIGHTS, ACTION_WEIGHT = (10.0, 10.0, 1.0, 1.0), 100.0
-"""Weights in the regulator's cost on the squares of the predicted quantities, and on the square of the action."""
+"""Weights of the squared predicted quantities, and weight of the squared action, in the regulator's cost."""
 
 
 def identified() -> Array:
-    """Fit the model to the recording; return its coefficients, (4, 3 MEMORY). They give the two pressure differences y,
-    Cl and the velocity one step ahead, from the last MEMORY rows (y_k, a_k), the oldest first."""
+    """Fit the model to the recording; return its coefficients, (4, 3 MEMORY). The coefficients multiply the last MEMORY
+    rows (y_k, a_k), oldest first, and give the two pressure differences y, Cl and the velocity one step ahead."""
     histories, following = [], []
     recorded = dataset.read(recording())
     for episode in recorded.episodes:
@@ -51,9 +51,9 @@ def identified() -> Array:
 
 
 def regulator(model: Array) -> Array:
-    """Return the gains from the history to a_k, from the discrete Riccati equation; they stabilise the model."""
+    """Return the gains from the history to a_k. The discrete Riccati equation yields gains that stabilise the model."""
     size = model.shape[1]
-    # The next history, without its action, consists of the present history's newer rows and the predicted differences.
+    # The next history, without the action, consists of the present history's newer rows and the predicted differences.
     moved = np.vstack([np.eye(size - 3, size, 3), model[:2]])
     A, B, outputs, by_action = moved[:, :-1], moved[:, -1:], model[:, :-1], model[:, -1:]
     Q = np.diag(WEIGHTS)

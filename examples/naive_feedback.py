@@ -1,8 +1,8 @@
-"""Simple feedback: the jets follow the pressure difference between the rear edges. The program prints the drag.
+"""Run a simple feedback, in which the jets follow the rear edges' pressure difference, and print the drag.
 
     python examples/naive_feedback.py [control steps]
 
-With a positive gain, the slot at the edge with the higher wall pressure blows; with a negative gain, the other slot.
+If the gain is positive, the slot at the edge with the higher pressure blows; if negative, the other slot blows.
 """
 
 import sys

@@ -1,4 +1,4 @@
-"""The ECU's FMU with a bus terminal on the simulated bus, together with the plant's FMU (docs/how-to/use-the-fmu.md).
+"""A run of the ECU's FMU with a bus terminal, and the plant's FMU, on a simulated bus (docs/how-to/use-the-fmu.md).
 
 stillwake export --fmu bus:ecu.fmu && stillwake plant-fmu plant.fmu && python examples/network_of_fmus.py
 """
@@ -46,7 +46,7 @@ def opened(path: Path, *, events: bool = False) -> tuple[Any, dict[str, int]]:
 
 
 def operation(frame: Frame) -> bytes:
-    """Return the bytes of the operation by which a bus terminal transmits a frame."""
+    """Return the operation by which a bus terminal transmits a frame, as bytes."""
     size, fd = len(frame.data), frame.is_fd
     head = struct.pack("<IIIB", 0x10 + fd, 16 + fd + size, frame.frame_id, frame.is_extended)
     return head + (b"\1\0" if fd else b"\0") + struct.pack("<H", size) + frame.data
@@ -74,7 +74,7 @@ def frames(data: bytes, now_ns: int) -> list[Frame]:
 
 
 class TerminalNode:
-    """An initialised FMU with a bus terminal. Each step ends at an event: received frames, or a tick of Tx_Clock.
+    """An initialised FMU with a bus terminal. Each step ends at an event: frames arrive, or Tx_Clock ticks.
 
     Attributes:
         due_ns: time in ns at which Tx_Clock ticks next.
@@ -99,8 +99,8 @@ class TerminalNode:
         return [self.references[f"{TERMINAL}.{member}"]]
 
     def event(self, now_ns: int, received: bytes = b"") -> bytes:
-        """Step to the time `now_ns`, give the received data to the terminal, and return the terminal's data if Tx_Clock
-        is due; otherwise return no bytes."""
+        """Step to the time `now_ns`, and pass the received data to the terminal. Return the terminal's data if Tx_Clock
+        is due, otherwise no bytes."""
         now, size = self._now_ns / 1e9, (now_ns - self._now_ns) / 1e9
         self.fmu.doStep(currentCommunicationPoint=now, communicationStepSize=size)
         self.fmu.enterEventMode()

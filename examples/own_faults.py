@@ -33,7 +33,7 @@ class EveryNth(SidedFault, section="every_nth"):
     n: Annotated[int, at_least(2)]
 
     def change(self, random: Random) -> Change:
-        """Return the function that changes frames (see `SidedFault.change`). A fault uses only the random numbers of
+        """Return the function that changes frames (see `SidedFault.change`). A fault takes all random numbers from
         `random`, so that a run can be repeated."""
         passed = 0
 
@@ -46,8 +46,8 @@ class EveryNth(SidedFault, section="every_nth"):
 
 
 def third_lost(start_s: float) -> Disturbances:
-    """Return the fault that loses every third frame of the vehicle from the time `start_s` on. Its `text` is the name
-    on the run's page."""
+    """Return the fault that loses every third frame of the vehicle from the time `start_s` on. The run's page shows the
+    fault's `text`."""
     fault = NodeFault(text="vehicle:every_nth:n=3", node="vehicle", fault=EveryNth(n=3, start_s=start_s))
     return Disturbances(items=(fault,))
 
@@ -58,7 +58,7 @@ def clipped(limit: float) -> Callable[[Array], Array]:
 
 
 class WithSensors:
-    """A given plant with faulty sensors: the series of a run hold the faulty readings."""
+    """A plant with faulty sensors. The series of a run contain the faulty readings."""
 
     def __init__(self, plant: LoopPlant, fault: Callable[[Array], Array]) -> None:
         self._plant, self._fault = plant, fault

@@ -1,4 +1,4 @@
-"""A user's own plant for the closed loop: an oscillator with a limit cycle (docs/how-to/add-a-plant.md)."""
+"""An example of your own plant in the closed loop: an oscillator with a limit cycle (docs/how-to/add-a-plant.md)."""
 
 import numpy as np
 

@@ -11,8 +11,8 @@ from train.networks.samples import Rows, fit_scaling, prepare
 
 
 def select_by_forces(rows: Rows, count: int) -> tuple[int, ...]:
-    """Return the columns of `count` sensors in the order of choice. Each chosen sensor correlates best with the part of
-    the forces that the earlier sensors do not explain."""
+    """Return the columns of `count` sensors in the order of their choice. Each new sensor correlates best with the part
+    of the forces that the earlier sensors do not explain."""
     pressure = rows.inputs[:, : rows.sensors].cpu().numpy().astype(np.float64)  # (n, N)
     forces = rows.forces.cpu().numpy().astype(np.float64)  # (n, 2): Cd, Cl
     left = forces

@@ -1,4 +1,4 @@
-"""Programs with random weights and the size of a trained model, for use without a trained model.
+"""Programs with random weights, as large as a trained model's program. They need no trained model.
 
 Time and memory of a control step depend only on the weights' shapes, so both can be measured with these programs.
 """
@@ -25,12 +25,12 @@ def random_program(
     sensors: tuple[str, ...] = SENSORS,
     prior_memory: int = 0,
 ) -> ControllerProgram:
-    """Return a program whose weights are drawn as PyTorch initialises them. The layer norms are changed at random, so
-    that none is the identity.
+    """Return a program with random weights, distributed as in PyTorch's initialisation. Gains and offsets of the layer
+    norms are also random, so that no norm is the identity.
 
     Args:
-        model: widths of the networks and length of the window; None takes the paper's values.
-        mpc: settings of the optimiser; None takes the paper's values.
+        model: widths of the networks and length of the window; None means the paper's values.
+        mpc: settings of the optimiser; None means the paper's values.
         prior_memory: number of rows that the prior reads; 0 for no prior. The prior has five units, which read the
             speed, the goal, and the sums of the sensor pairs.
     """
@@ -71,10 +71,10 @@ def random_program(
 
 
 def _prior(rng: np.random.Generator, pairs: int, memory: int) -> dict[str, Array]:
-    """Return weights of a prior: its units are not negligible, and its predicted differences decay slowly."""
+    """Return weights of a prior whose units are not negligible and whose predicted differences decay slowly."""
     predictor = rng.normal(0.0, 0.3 / np.sqrt(memory), (pairs, memory, pairs + 1))
     predictor[np.arange(pairs), -1, np.arange(pairs)] += 0.7
-    # The first filter covers all rows; each of the others covers a few rows.
+    # The first filter covers all rows; each other filter covers a few rows.
     count = min(memory, 7)
     filters = np.triu(np.tril(rng.uniform(0.0, 1.0, (memory, count)), 2), -1)
     filters[:, 0] = rng.uniform(0.0, 1.0, memory)

@@ -147,7 +147,7 @@ def test_who_may_roll_out_may_not_publish(office, tmp_path):
 def test_an_assignment_of_what_was_never_published_is_refused(office, tmp_path):
     repository = office.at(NOW)
     rollout = repository._read("rollout", REPOSITORY.Targets)
-    for place, words in (("releases/evil", "may not publish"), ("rollout/01", "may not publish")):
+    for place, words in (("releases/evil", "was not published"), ("rollout/01", "was not published")):
         content = json.dumps({"release": place}).encode()
         rollout.signed.targets["rollout/00"] = repository._store("rollout/00", content)
         repository._change("rollout", rollout)

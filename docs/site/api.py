@@ -1,7 +1,7 @@
-"""The API's pages from the docstrings: a page for every folder with modules, a section for every module.
+"""The API's pages from the docstrings: a page for every folder that has modules, with a section for every module.
 
-They are read from the source (`docs.site.source`). Sphinx's autodoc would import every module and evaluate every
-signature: it takes three times as long, and shows types in another form than the source.
+The docstrings are read from the source (`docs.site.source`). Sphinx's autodoc would import every module and evaluate
+every signature, which takes three times as long, and would not show types as in the source.
 """
 
 import re
@@ -25,8 +25,8 @@ _SECTIONS: Final[Any] = DocstringConfig(napoleon_numpy_docstring=False, napoleon
 _HEAD: Final = """API
 ===
 
-For whoever calls stillwake from Python: every public module, class and function, by package. :doc:`/architecture`
-states which package may import which.
+For readers who call stillwake from Python: every public module, class and function, by package. :doc:`/architecture`
+states which packages each package may import.
 """
 
 
@@ -75,7 +75,7 @@ def _text(docstring: str) -> str:
 def restructured(lines: Sequence[str]) -> list[str]:
     """Return a docstring's lines as reStructuredText.
 
-    An indented block after a blank line becomes a literal block. Bars, here of absolute values, are escaped.
+    An indented block after a blank line becomes a literal block. Vertical bars, as in absolute values, are escaped.
     """
     made: list[str] = []
     is_block, before = False, "-"
@@ -95,7 +95,7 @@ def _toctree(names: Sequence[str]) -> str:
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Register `_write`, which writes the pages when Sphinx has read the configuration."""
+    """Register `_write`, which writes the pages after Sphinx has read the configuration."""
     app.connect("config-inited", _write)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 

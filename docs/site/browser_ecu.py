@@ -1,7 +1,7 @@
 """A page of the site that runs the exported ECU in the reader's browser: `try/index.html`.
 
-The ECU in C of the shipped release is compiled to WebAssembly, without a C library. The page loads the ECU, the facts
-about it and the recorded drives from one script, because a page that is opened from a disk cannot read other files.
+The shipped release's ECU in C is compiled to WebAssembly, without a C library. One script contains the ECU, data about
+the ECU and the recorded drives, because a page that is opened from a disk cannot read files other than scripts.
 """
 
 import base64
@@ -56,16 +56,16 @@ SHARED: Final = (
     ),
     *(f"widgets/{name}.js" for name in ("format", "colours", "frames", "chart", "state_machine", "event_log")),
 )
-"""Files of the live page that this page uses, too."""
+"""Files that this page shares with the live page."""
 PROGRAM: Final = "program.js"
-"""Name of the script with the ECU, its facts and the drives."""
+"""Name of the script with the ECU, the data about the ECU, and the drives."""
 DRIVES: Final = {
     "controlled_2_0": "under an earlier controller",
     "none_0": "without jets",
 }
 """Episodes of the shipped recording, with the names that the page shows."""
 PERIODS: Final = 1100
-"""Length of a drive in control periods, which is 22 s."""
+"""Length of a drive in control periods; a drive lasts 22 s."""
 EXPORTS: Final = (
     *("sw_ecu_init", "sw_ecu_step", "sw_ecu_calibrate", "sw_ecu_bytes", "sw_e2e_protect"),
     "__heap_base",
@@ -74,14 +74,14 @@ FLAGS: Final = (
     *("-target", "wasm32-freestanding", "-O3", "-msimd128", "-mbulk-memory", "-ffp-contract=off", "-ffreestanding"),
     *("-nostdlib", "-Wl,--no-entry", "-Wl,--strip-all", *(f"-Wl,--export={name}" for name in EXPORTS)),
 )
-"""Flags of the compiler. Without contraction and reordering, the commands equal those of other machines bit for bit."""
+"""Flags of the compiler. They forbid contraction and reordering, so that all machines compute the same commands."""
 
 
 def write_page(folder: Path, sources: Mapping[str, bytes], release: Bundle, config: Config) -> None:
     """Write the page and its program into a folder.
 
     Args:
-        sources: sources of the release's ECU with the settings of a vehicle (`ecu.in_c.c_ecu.ecu_sources`).
+        sources: sources of the release's ECU for a vehicle's settings (`ecu.in_c.c_ecu.ecu_sources`).
 
     Raises:
         LibraryError: `ziglang` is not installed, or the sources do not compile.
@@ -145,7 +145,7 @@ def facts(sources: Mapping[str, bytes], release: Bundle, config: Config) -> dict
 
 
 def layout(sources: Mapping[str, bytes]) -> dict[str, int]:
-    """Return sizes and offsets of C structures and their members, in bytes; they are equal on every machine."""
+    """Return sizes of C structures and offsets of their members, in bytes. They are equal on every machine."""
     ffi = Structs(sources, host_compiler()).ffi
     members = ("timestamp_ns", "id", "is_extended", "is_fd", "length", "data")
     return {
@@ -183,7 +183,7 @@ def _text(content: bytes) -> str:
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Register `_write`, which writes the page when the site is complete."""
+    """Register `_write`, which writes the page after Sphinx has completed the site."""
     app.connect("build-finished", _write)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 

@@ -1,5 +1,5 @@
-"""Two changes of Sphinx's HTML. Formulas are MathML, which browsers show without a script or a network. The captions of
-the navigation, which are headings, get a heading level."""
+"""Two changes to Sphinx's HTML. Formulas become MathML, which browsers show without a script or a network. The
+navigation's captions, which are headings, get a heading level."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ _NAVIGATION = "furo_navigation_tree"
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Register the renderer `mathml`, and `_level`, which changes the captions that the theme has written."""
+    """Register the renderer `mathml`, and `_level`, which adds the level to the captions that the theme has written."""
     app.add_html_math_renderer("mathml", (_inline, None), (_display, None))
     app.connect("html-page-context", _level, priority=900)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

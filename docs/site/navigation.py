@@ -1,4 +1,4 @@
-"""The order of the site's sections, their groups and the groups' pages, read from the lists of `docs/README.md`."""
+"""The site's sections, groups and pages, in the order of the lists in `docs/README.md`."""
 
 import re
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ class Group:
     Attributes:
         name: heading of the group; "" for pages that are directly in the section.
         text: the Markdown below the heading.
-        pages: links in the group's lists, in their order.
+        pages: the links in the group's lists, in the same order.
     """
 
     name: str
@@ -31,7 +31,7 @@ class Section:
 
 
 def sections(readme: str) -> tuple[Section, ...]:
-    """Return all sections that contain a list; only links in lists count as pages."""
+    """Return all sections that contain a list. Only links in lists count as pages."""
     found: list[tuple[str, list[tuple[str, list[str]]]]] = []
     for line in readme.splitlines():
         heading = _HEADING.match(line)

@@ -1,7 +1,7 @@
 """The generated pages of the site: the first page, a page for each group, and pages for Markdown outside `docs/`.
 
-They are written to `docs/generated` and `docs/index.markdown`, which git ignores, before Sphinx looks for its sources.
-A page that has not changed is not written.
+Before Sphinx looks for its sources, the pages are written to `docs/generated` and `docs/index.markdown`, which git
+ignores. A page that has not changed is not written.
 """
 
 import os
@@ -29,7 +29,7 @@ _PICTURE: Final = re.compile(
 
 
 def outside() -> dict[Path, str]:
-    """Return the Markdown files outside `docs/` that the site shows, each with the name of its page."""
+    """Return the Markdown files outside `docs/` that the site shows, with the name of each file's page."""
     files = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "examples").glob("*/README.md"))]
     names = ["-".join(path.relative_to(ROOT).with_suffix("").parts).lower() for path in files]
     return {path: f"generated/{name}" for path, name in zip(files, names, strict=True)}
@@ -45,7 +45,7 @@ def docname(path: Path) -> str:
 def moved(text: str, source: Path, target: Path) -> str:
     """Return the text of the file `source` with its relative links and pictures adapted to the path `target`.
 
-    An HTML picture with a file for light and a file for dark becomes two pictures, of which the theme shows one.
+    An HTML picture with a file for the light and a file for the dark theme becomes two pictures. The site shows one.
     """
 
     def path(link: str) -> str:
@@ -92,7 +92,7 @@ def docname_of_generated(path: Path) -> str:
 
 
 def write(texts: Mapping[Path, str]) -> None:
-    """Write the files whose text differs; the time stamps of other files tell Sphinx not to read them."""
+    """Write the files whose text has changed. Sphinx skips the other files, because their time stamps are unchanged."""
     for path, text in texts.items():
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -114,7 +114,7 @@ STORIES: Final = (
 
 
 def place_in_gallery(name: str) -> tuple[int, str]:
-    """Return a sort key for a script of the gallery; a script that is not in `STORIES` comes after those."""
+    """Return a sort key for a script of the gallery; scripts that are not in `STORIES` come last."""
     return (STORIES.index(name) if name in STORIES else len(STORIES), name)
 
 
@@ -123,7 +123,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("config-inited", _write)
     app.connect("env-get-outdated", _with_parts)
     app.connect("source-read", _fill)
-    app.connect("html-page-context", _collapse, priority=400)  # before the theme, which asks for all of the list
+    app.connect("html-page-context", _collapse, priority=400)  # before the theme requests the full list
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
@@ -136,7 +136,7 @@ def _write(app: Sphinx, config: Config) -> None:
 
 
 def _with_parts(app: Sphinx, env: object, added: set[str], changed: set[str], removed: set[str]) -> list[str]:
-    """Return the pages with generated parts, which can change without the page; Sphinx always reads these pages."""
+    """Return the pages with generated parts. Sphinx must always read them, as these parts change without the file."""
     del app, env, added, changed, removed
     return [docname(path) for path in DOCS.rglob("*.md") if PLACE.search(path.read_text(encoding="utf-8"))]
 
@@ -147,7 +147,7 @@ def _fill(app: Sphinx, name: str, source: list[str]) -> None:
 
 
 def _collapse(app: Sphinx, page: str, template: str, context: dict[str, Any], tree: object) -> None:
-    """Show only this page's branch of the navigation; all of it on every page takes a quarter of the build's time."""
+    """Show only this page's branch of the navigation: a full one on every page takes a quarter of the build's time."""
     del app, page, template, tree
     whole = context.get("toctree")
     if whole is not None:
@@ -176,7 +176,7 @@ def _introduction() -> str:
 
 
 def _documents(readme: str) -> str:
-    """Return the list of documents with every heading one level lower."""
+    """Return the README's list of documents, with every heading one level lower."""
     return re.sub(r"^#", "##", readme, flags=re.MULTILINE)
 
 

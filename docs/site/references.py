@@ -1,9 +1,9 @@
-"""Targets of references: objects of Python by their full names, pages for links out of `docs/`, and the API for names
-in running text.
+"""The targets of references: Python objects with their full names, pages for links out of `docs/`, and the API for
+names in running text.
 
-Sphinx compares a Python name with the ends of all names. This takes half of a build's time, and finds wrong objects, so
-here the full names are compared. A name that the API lacks becomes no link: it is private, an alias without a
-docstring, or a name of another package, whose pages are on a network.
+Sphinx compares a Python name with the ends of all names. This takes half of the build's time and finds wrong objects,
+so this module compares full names. A name that is not in the API becomes no link: it is private, an alias without a
+docstring, or from another package, whose pages are on a network.
 """
 
 from pathlib import Path
@@ -31,7 +31,7 @@ class ExactNames(SphinxPostTransform):
         for node in list(self.document.findall(addnodes.pending_xref)):
             if node.get("refdomain") == "py":
                 name, content = node["reftarget"], list(node.children)
-                # A docstring's errors are defined in its module or in contract.errors.
+                # An error in a docstring is defined in the same module or in contract.errors.
                 full = (name, f"{node.get('py:module')}.{name}", f"contract.errors.{name}")
                 known = next((one for one in full if one in domain.objects), None)
                 node.replace_self(content if known is None else [_reference(self, domain, known, content)])
@@ -48,7 +48,7 @@ class NamesInText(SphinxPostTransform):
         for node in list(self.document.findall(nodes.literal)):
             text = node.astext()
             name = text.removesuffix(".py").replace("/", ".") if text.endswith(".py") else text
-            # The line above a module's text shows the module's own file, and gets no link.
+            # The line above a module's text is the name of the module's file, and gets no link.
             is_plain = not isinstance(node.parent, nodes.reference | nodes.title) and "file" not in node["classes"]
             if is_plain and is_ours(name) and name in domain.objects:
                 node.replace_self([_reference(self, domain, name, [node.deepcopy()])])
@@ -63,7 +63,7 @@ def _reference(
 
 
 def lead_outside(app: Sphinx, doctree: nodes.document) -> None:
-    """Lead links to Markdown outside `docs/` to the page that shows it; replace a link to a folder by its text."""
+    """Change links to Markdown outside `docs/` to the page that shows it; replace links to folders by plain text."""
     for node in list(doctree.findall(addnodes.pending_xref)):
         if node.get("reftype") != "myst":
             continue

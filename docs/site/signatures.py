@@ -1,6 +1,6 @@
-"""Signatures as in the source, with the project's types by their full names, so that they become links.
+"""Signatures as in the source, but with the full names of the project's types, so that these types become links.
 
-Types that Python evaluates would be unreadable; an array would be `numpy.ndarray[tuple[...], numpy.dtype[...]]`.
+Python's evaluated types would be unreadable. An array would be `numpy.ndarray[tuple[...], numpy.dtype[...]]`.
 """
 
 import ast
@@ -10,13 +10,13 @@ from typing import Final
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 Names = Mapping[str, str]
-"""Full names of the project's types in a module, by the names that the module uses."""
+"""The full names of the project's types, by the names that a module uses for them."""
 
 _LONGEST_DEFAULT: Final = 40
 
 
 def arguments(node: Function, names: Names, *, bound: bool) -> str:
-    """Return a function's arguments in brackets; with `bound`, without the first argument."""
+    """Return a function's arguments in brackets. If `bound` is true, the first argument is left out."""
     made = deepcopy(node.args)
     if bound:
         (made.posonlyargs or made.args).pop(0)
@@ -32,7 +32,7 @@ def fields(node: ast.ClassDef, names: Names) -> str:
 
 
 def annotation(node: ast.expr, names: Names) -> str:
-    """Return a type. The project's types begin with `~`, for which Sphinx shows only the last part of the name."""
+    """Return a type. The project's types begin with `~`, so that Sphinx shows only the last part of their names."""
     return ast.unparse(_Full(names).visit(deepcopy(node)))
 
 
@@ -47,7 +47,7 @@ def _fields(node: ast.ClassDef, names: Names) -> Iterator[str]:
 
 
 def _default(value: ast.expr) -> str:
-    """Return a default as in the source, or "..." if it is long."""
+    """Return a default as in the source, or "..." for a long default."""
     text = ast.unparse(value)
     return text if len(text) < _LONGEST_DEFAULT and not text.startswith("field(") else "..."
 

@@ -1,4 +1,4 @@
-"""The public definitions of a module, read from its source without an import, so that no extra is needed.
+"""The public definitions of a module. They are read from the source without an import, so that no extra is needed.
 
 Names that begin with an underscore are private. Constants without a docstring are left out.
 """
@@ -15,7 +15,7 @@ from docs.site.signatures import Function, Names, annotation, arguments, fields
 Kind = Literal["function", "class", "exception", "method", "property", "attribute", "data"]
 
 PACKAGES: Final = ("contract", "wake", "train", "export", "can_bridge", "ecu", "firmware_sim")
-"""Packages in the API, beginning with the package that all others import."""
+"""The packages in the API. The first package is the one that all others import."""
 _PROPERTIES: Final = ("property", "cached_property")
 _LONGEST_VALUE: Final = 60
 
@@ -32,10 +32,10 @@ class Member:
     Attributes:
         kind: name of Sphinx's directive for Python.
         name: name in the module or class.
-        signature: text after the name, such as "(x: int) -> str".
+        signature: text that follows the name, such as "(x: int) -> str".
         options: options of the directive.
-        docstring: "" for a function or a class without a docstring.
-        members: definitions in a class.
+        docstring: the docstring; "" if a function or a class has none.
+        members: the definitions in a class.
     """
 
     kind: Kind

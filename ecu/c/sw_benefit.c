@@ -1,5 +1,5 @@
-/* The benefit check. It judges whether control reduces the suction on the base and the pressure differences of mirrored
- * sensors, relative to the wake while the jets are shut. ecu/benefit_check.py gives the reasons.
+/* The benefit check. It judges whether control reduces the suction on the base and the pressure differences between
+ * mirrored sensors, compared with the wake while the jets are shut. ecu/benefit_check.py gives the reasons.
  */
 #include "sw_ecu_parts.h"
 
@@ -7,7 +7,7 @@
 
 typedef struct {
     double suction; /* mean pressure on the base, in Cp or relative to the release's wake */
-    double swing;   /* mean magnitude of mirrored sensors' pressure differences, in the same unit */
+    double swing;   /* mean |pressure difference| of mirrored sensors, in the same unit */
 } measured;
 
 static double magnitude(double value) { return value < 0.0 ? -value : value; }
@@ -30,7 +30,7 @@ static measured stated_at(const sw_release *release, double speed)
     return last;
 }
 
-/* Measures suction and swing, divided by their values in the release's wake without jets at this speed. */
+/* Measures suction and swing. Divides them by their values in the release's wake without jets at this speed. */
 static measured measure(const sw_release *release, const double *cp, double speed)
 {
     const measured stated = stated_at(release, speed);
@@ -46,7 +46,7 @@ static measured measure(const sw_release *release, const double *cp, double spee
 
 static uint32_t at_most(uint32_t count, uint32_t most) { return count < most ? count : most; }
 
-/* Returns a mean without control. While the mean covers too few periods, returns at least 1, the release's value. */
+/* Returns a mean without control; if it covers too few periods, at least 1, which stands for the release's wake. */
 static double resting(const sw_benefit *benefit, double mean)
 {
     return benefit->rested < SW_PROVEN_PERIODS && mean < 1.0 ? 1.0 : mean;
@@ -63,7 +63,7 @@ static int helps(const sw_benefit *benefit)
 
 static uint32_t one_less(uint32_t count) { return count > 0u ? count - 1u : 0u; }
 
-/* Adds this period to the means without control, which cover `over` periods. */
+/* Adds this period to the means without control. The new means cover `over` periods. */
 static void rested(sw_benefit *benefit, measured now, uint32_t over)
 {
     benefit->resting_suction += (now.suction - benefit->resting_suction) / (double)over;
@@ -109,7 +109,7 @@ static void drive(sw_benefit *benefit, const sw_release *release, const double *
     if (benefit->doubt >= SW_BENEFIT_DOUBT) benefit->tested_at = speed;
 }
 
-/* Runs a period of a test. It compares the means under control with the mean wake since the jets were shut. */
+/* Runs a period of a test. A test compares the means under control with the means since the jets were shut. */
 static uint8_t test(sw_benefit *benefit, const sw_release *release, const double *cp, double speed)
 {
     if (cp == NULL) return SW_REASON_NONE;

@@ -1,5 +1,5 @@
-/* The calibration: the values of a release that may be changed between two control periods, the limits of these values,
- * and the bounds of the command gate that follow from them. This file corresponds to ecu/calibrating.py.
+/* The calibration: the values of a release that may be changed between two control periods, their limits, and the
+ * command gate's bounds that follow from the values. This file corresponds to ecu/calibrating.py.
  */
 #include "sw_ecu_parts.h"
 
@@ -14,7 +14,7 @@ void sw_calibration_bounds(const float weights[SW_TERMS], sw_calibration *low, s
     *low = least;
     *high = greatest;
     for (int i = 0; i < SW_TERMS; i++) {
-        /* A release's own weight may be greater than the general limit. */
+        /* The limit is raised to the release's own weight if that is greater. */
         if (weights[i] > high->weights[i]) high->weights[i] = weights[i];
     }
 }
@@ -42,7 +42,7 @@ sw_gate_limits sw_calibration_limits(const sw_calibration *values)
 {
     sw_gate_limits limits = {SW_GATE_FLOW, SW_GATE_STEP}; /* the vehicle's bounds, as doubles */
     if (values->action_limit < greatest.action_limit) {
-        /* Rounds the range down to a multiple of the resolution; 1e-6 is added so that a multiple stays unchanged. */
+        /* Rounds the range down to a multiple of the resolution. The 1e-6 keeps a range that already is a multiple. */
         const double steps = (double)values->action_limit * SW_FLOW_SCALE / SW_FLOW_RESOLUTION + 1e-6;
         limits.flow_m2_per_s = (double)(int32_t)steps * SW_FLOW_RESOLUTION;
     }

@@ -18,7 +18,7 @@ static inline int32_t sw_signed(uint32_t field, uint32_t sign) { return (int32_t
 
 static inline uint32_t sw_at_most(uint32_t value, uint32_t limit) { return value < limit ? value : limit; }
 
-/* Clears a message: bits without a signal are sent as zero; the header is filled in later. */
+/* Sets all bytes of a message to 0, so that bits without a signal are sent as 0. */
 static inline void sw_clear(uint8_t *data, int length)
 {
     for (int i = 0; i < length; i++) data[i] = 0;

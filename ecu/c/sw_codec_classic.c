@@ -11,7 +11,7 @@
 
 /* Constants of the message PressureClassic. */
 #define ENABLE_REQUEST 0x10u
-#define AGE_LIMIT 7u /* largest value, which stands for this age and all greater ages */
+#define AGE_LIMIT 7u /* largest value; it stands for this age and for all greater ages */
 #define PRESSURES 2  /* first byte of the pressures; two pressures of 12 bits take three bytes */
 
 /* Constants of the message VehicleSpeedClassic. */

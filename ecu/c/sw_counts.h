@@ -1,4 +1,4 @@
-/* The counts that saturate at their largest value, and the count of the bits in a word. */
+/* Functions for counts that saturate at their largest value, and a function that counts the bits in a word. */
 #ifndef SW_COUNTS_H
 #define SW_COUNTS_H
 

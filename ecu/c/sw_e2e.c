@@ -1,5 +1,5 @@
 /* The AUTOSAR end-to-end protection (PRS_E2EProtocol) of the messages in use. CAN FD uses profile 5. Classic CAN uses
- * profile 2; the 16 data IDs of a message are then equal to each other.
+ * profile 2, with 16 equal data IDs for each message.
  *
  * The CRCs are computed half byte by half byte, so that the table has only 16 entries. No branch depends on the data.
  */

@@ -1,5 +1,5 @@
 /* The ECU's control period: it checks the stream of pressures, updates the fail-safe, extends the window, plans, passes
- * the first free action through the command gate, and writes the frames to send. This file corresponds to ecu/ecu.py.
+ * an action through the command gate, and writes the frames to send. This file corresponds to ecu/ecu.py.
  */
 #include "sw_ecu.h"
 
@@ -8,13 +8,13 @@
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
 
-/* The window bridges at most this number of consecutive periods without pressures; the jets may run in them. */
+/* The largest number of consecutive periods without pressures that the window bridges and in which jets may run. */
 #define LONGEST_GAP (SW_HOLD_PERIODS + SW_DECAY_PERIODS)
 
 /* The action that the ECU requests from the command gate in one period. */
 typedef struct {
     double action; /* action before the gate, in U_inf W */
-    uint8_t fault; /* reason why no action is available although control is active, or SW_REASON_NONE */
+    uint8_t fault; /* reason why active control has no action, or SW_REASON_NONE */
 } decision;
 
 static double newest(const sw_memory *memory) { return memory->under_way[memory->frozen]; }
@@ -47,14 +47,14 @@ static void with_row(sw_ecu_state *state, const sw_release *release, const doubl
     }
 }
 
-/* Adds one row for each skipped period, with the last command in force. A clock fault empties the window. */
+/* Adds one row for each skipped period, in which the last command was in force. A clock fault empties the window. */
 static void after_silence(sw_memory *memory, const sw_timing *timing)
 {
     if (timing->fault == SW_REASON_CLOCK) {
         sw_memory_emptied(memory);
         return;
     }
-    /* More rows change nothing: the window is then empty, and all actions in transit equal the last command. */
+    /* After this many rows the window is empty, and all actions in transit equal the last command. */
     const int most = LONGEST_GAP > (int)memory->frozen ? LONGEST_GAP : (int)memory->frozen;
     for (int k = 0; k <= most && k < timing->skipped; k++) {
         sw_memory_bridged(memory);
@@ -62,7 +62,7 @@ static void after_silence(sw_memory *memory, const sw_timing *timing)
     }
 }
 
-/* Runs the sensor check; an excluded sensor's pressures become estimates. Returns the SW_REASON_ for a shut-off. */
+/* Runs the sensor check; replaces an excluded sensor's pressures by estimates. Returns the reason for a shut-off. */
 static uint8_t check_sensors(sw_ecu *ecu, const double *cp, const double *reading)
 {
     uint8_t fault = SW_REASON_NONE;
@@ -81,7 +81,7 @@ static uint8_t check_sensors(sw_ecu *ecu, const double *cp, const double *readin
     return fault;
 }
 
-/* Runs the benefit check, with the estimate for an excluded sensor. Returns the SW_REASON_ for a shut-off. */
+/* Runs the benefit check; uses estimates for an excluded sensor. Returns the SW_REASON_ for a shut-off. */
 static uint8_t check_benefit(sw_ecu_state *state, const sw_release *release, int usable)
 {
     uint8_t fault = SW_REASON_NONE;
@@ -111,14 +111,14 @@ static void estimate_air_speed(sw_ecu_state *state, const sw_release *release, i
 #endif
 }
 
-/* Returns BUS_OFF if the CAN controller is or was bus-off since the last step: no node received the last frames. */
+/* Returns BUS_OFF if the CAN controller was bus-off since the last step: no node has received the last frames. */
 static uint8_t bus_fault(const sw_bus_health *before, const sw_bus_health *now)
 {
     const int off = now->is_bus_off || now->bus_off > before->bus_off;
     return (uint8_t)(off ? SW_REASON_BUS_OFF : SW_REASON_NONE);
 }
 
-/* Copies the health member by member: a copy of the struct would copy padding, and states are compared as bytes. */
+/* Copies the health without the struct's padding: states are compared as bytes, so padding must not change. */
 static void remember_health(sw_bus_health *health, const sw_bus_health *now)
 {
     health->is_bus_off = now->is_bus_off;
@@ -143,7 +143,7 @@ static int are_finite(const float *values, int count)
     return finite;
 }
 
-/* Stores a new plan in the memory. A plan with NaN or infinity is dropped whatever status the control step returns. */
+/* Stores a new plan in the memory. A plan with NaN or infinity is dropped, even if the control step returns SW_OK. */
 static decision planned(sw_ecu *ecu)
 {
     decision due = {0.0, SW_REASON_INTERNAL};
@@ -161,7 +161,7 @@ static decision planned(sw_ecu *ecu)
     return due;
 }
 
-/* Decides on the action of a period in the present mode; the memory already has the period's row. */
+/* Decides on the period's action in the present mode. The memory already contains this period's row. */
 static decision decide(sw_ecu *ecu)
 {
     decision due = {0.0, SW_REASON_NONE};
@@ -279,7 +279,7 @@ int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers)
     sw_calibration own;
     const uint8_t unfit = judged(ecu, numbers);
     unsigned char *bytes = (unsigned char *)ecu;
-    for (size_t i = 0; i < sizeof *ecu; i++) bytes[i] = 0; /* padding is cleared, too: states are compared as bytes */
+    for (size_t i = 0; i < sizeof *ecu; i++) bytes[i] = 0; /* also clears padding, as states are compared as bytes */
     ecu->numbers = *numbers;
     sw_calibration_own(numbers->release, &own);
     (void)sw_ecu_calibrate(ecu, &own);
@@ -347,7 +347,7 @@ static int could_drive(const sw_ecu_state *state)
 }
 #endif
 
-/* Checks the ranges of a saved state's values that are used as index, shift, divisor or term of a sum. */
+/* Checks the ranges of those values of a saved state that are an index, a shift, a divisor or a term of a sum. */
 static int could_be(const sw_ecu_state *state)
 {
     const sw_memory *memory = &state->memory;
@@ -408,7 +408,7 @@ int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int coun
     command.flow = steps;
     command.mode = sw_mode_on_wire(state->fail_safe.mode);
     command.enable = passed.enable;
-    /* The command states the counter of this period's pressures, or of the pressures from which it was computed. */
+    /* A command has the counter of this period's pressures, or of the older pressures from which it was computed. */
     command.has_counter = state->has_pressures && (inputs.usable || sw_drives_jets(state->fail_safe.mode));
     command.pressure_counter = state->pressure_counter;
     return sw_write_frames(state, &command, ecu->numbers.release->bundle_hash, now_ns,

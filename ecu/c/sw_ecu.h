@@ -23,17 +23,17 @@ extern "C" {
 #endif
 
 /* Initialises the ECU as at power-on: nothing has been received or sent, the jets are shut, and the release's own
- * calibration is in force. Memory filled with zeros is not an initialised ECU: the zeros would mean that the request
- * for control was low, and that a sensor is excluded. Returns SW_REASON_NONE, or SW_REASON_INTERNAL if this build or
- * the processor's present mode does not compute as exactly as the decisions need (sw_inexact). Every step repeats this
- * check and shuts the jets while it fails. The jets stay shut until the next init if the answer of a control step to a
- * known window differs from the exporter's answer (sw_known_answer). The check with the known window takes as long as
- * the longest step; a build with SW_WITHOUT_KNOWN_ANSWER omits it.
+ * calibration is in force. Zeros in the memory do not initialise the ECU: they would mean that the request for control
+ * was low, and that a sensor is excluded. Returns SW_REASON_NONE, or SW_REASON_INTERNAL if this build or the
+ * processor's present mode does not compute as exactly as the decisions need (sw_inexact). Every step repeats this
+ * check and shuts the jets while it fails. A call also compares a control step's answer to a known window with the
+ * exporter's answer (sw_known_answer). If they differ, the jets stay shut until the next init. This check takes as long
+ * as the longest step; a build with SW_WITHOUT_KNOWN_ANSWER omits it.
  */
 int sw_ecu_init(sw_ecu *ecu);
 
 /* Initialises the ECU with the parameters of a release that is not compiled in, as sw_image_open returns them. The
- * memory behind the pointers must stay valid while the ECU runs; `numbers` itself need not stay valid.
+ * memory to which `numbers` points must stay valid while the ECU runs; `numbers` itself need not stay valid.
  */
 int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers);
 
@@ -51,20 +51,20 @@ int sw_ecu_authenticate(sw_ecu *ecu, const sw_authentication *given);
 
 /* Changes the calibration from the next step on; call it between two steps. Returns 0, or the number of the first value
  * outside the limits of release and vehicle, counted from 1 in the structure's order; the calibration is then
- * unchanged. Actions already sent stay as they are. A narrower range limits the next command. A state can be restored
+ * unchanged. Actions that were sent do not change. A narrower range limits the next command. A state can be restored
  * only if the delay is the same as when the state was saved.
  */
 int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values);
 
 /* Continues from a saved state: `state` of an sw_ecu with the same release, settings and calibration. Returns 0, or 1
- * for a state that no ECU can reach, for example after a memory failure; the ECU is then unchanged. Only values that
- * would lead outside an array or a number's range are checked; the caller may add a checksum.
+ * for a state that no ECU can reach, for example after a memory failure; the ECU is then unchanged. The function checks
+ * only values that would lead outside an array or a number's range; the caller may add a checksum.
  */
 int sw_ecu_restore(sw_ecu *ecu, const sw_ecu_state *state);
 
 /* Runs one control period that begins at now_ns. frames_in has all frames received since the last step, oldest first;
- * if count is 0, frames_in may be NULL. Writes the frames to send, possibly over frames_in, and returns their number. A
- * step that takes longer than a period is detected in the next step, from the next step's now_ns.
+ * if count is 0, frames_in may be NULL. Writes the frames to send, possibly over frames_in, and returns their number.
+ * If a step takes longer than a period, the next step detects this from its now_ns.
  */
 int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int count, sw_frame frames_out[SW_FRAMES_OUT]);
 

@@ -5,7 +5,7 @@
 #include "sw_ecu_state.h"
 #include "sw_exact.h"
 
-/* The bus key as the last argument of functions that read or write frames, in a build with a key. */
+/* Adds the bus key as the last argument of functions that read or write frames, if the build has a key. */
 #if SW_SECOC
 #define SW_BY_KEY(key) , key
 #else
@@ -21,7 +21,7 @@ uint8_t sw_inexact(void);
 
 /* --- sw_timing.c --- */
 
-/* Updates the check that the steps are on time, with the step at now_ns. */
+/* Updates the timing check with the step at now_ns. */
 void sw_timing_next(sw_timing *timing, int64_t now_ns);
 
 /* --- sw_e2e.c: the profile of the messages in use, SW_E2E_PROFILE --- */
@@ -121,7 +121,7 @@ void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *
 /* Returns whether the content of a frame was sampled at most oldest_ns before now_ns, and not after now_ns. */
 int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t oldest_ns);
 
-/* Updates the detection of another ECU at step_ns. All commands and statuses among the frames come from another ECU. */
+/* Updates the detection of another ECU at step_ns. The frames' commands and statuses all come from another ECU. */
 void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
                        int64_t step_ns SW_BY_KEY(const sw_secoc *secoc));
 
@@ -132,16 +132,16 @@ void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
 void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_frame *frames, int count,
                    int64_t now_ns SW_BY_KEY(const sw_secoc *secoc));
 
-/* Returns the dynamic pressure (Cp = 1) in Pa; 0 without a speed. */
+/* Returns the dynamic pressure in Pa; 0 if the speed is unknown. */
 double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *release);
 
 /* Returns the speed in use / design speed, limited to the release's range; 1 if the speed on the bus is unknown or too
- * far outside. */
+ * far outside that range. */
 double sw_speed_present(const sw_speed_state *speed, const sw_release *release);
 
 #if SW_AIR_SPEED
-/* Updates the estimate of the air speed after a period. `is_sound` states whether the window is full, has this period's
- * pressures, and no sensor is excluded; `drives` states whether the jets were allowed to run during the past period. */
+/* Updates the estimate of the air speed after a period. `is_sound`: the window is full and has this period's pressures,
+ * and no sensor is excluded. `drives`: the jets were allowed to run during the past period. */
 void sw_air_speed_next(sw_speed_state *speed, const sw_release *release, const sw_memory *memory, int is_sound,
                        int drives);
 #endif
@@ -153,18 +153,18 @@ void sw_air_speed_next(sw_speed_state *speed, const sw_release *release, const s
 double sw_followed(double before, double to, double share);
 
 #if SW_PAST > 0
-/* Adds this period's row, after filtering its pressures with the previous row's pressures. */
+/* Filters the pressures of this period's row with the previous row's pressures, then adds the row. */
 void sw_past_extend(sw_past *past, const double row[SW_COLUMNS], double speed);
 
 void sw_past_empty(sw_past *past);
 
-/* Resamples the window at equal distances travelled. Returns the number of the window's rows with data. */
+/* Fills columns `first` to `last` of the window at equal distances travelled. Returns the number of rows with data. */
 uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS], int first, int last);
 #endif
 
 /* --- sw_memory.c: window, plan and actions in transit --- */
 
-/* Add this period's row (`speed` in design speeds), bridge a period without pressures, and empty the window. */
+/* Add this period's row (with speed / design speed), bridge a period without pressures, and empty the window. */
 void sw_memory_observed(sw_memory *memory, const double cp[SW_SENSORS], double speed);
 void sw_memory_bridged(sw_memory *memory);
 void sw_memory_emptied(sw_memory *memory);
@@ -174,10 +174,10 @@ void sw_memory_without_plan(sw_memory *memory);
 /* Returns the speed of the newest row, divided by the design speed. */
 double sw_memory_speed(const sw_memory *memory);
 
-/* Changes the actuator's delay. `frozen` actions are then in transit; `frozen` is less than SW_HORIZON. */
+/* Changes the actuator's delay to `frozen` periods (less than SW_HORIZON); `frozen` actions are then in transit. */
 void sw_memory_freeze(sw_memory *memory, int frozen);
 
-/* Replaces one sensor's pressures in all rows with data; `values` has a row for each row of the window or the past. */
+/* Replaces a sensor's pressures in all rows with data. `values` has a row for each row of the window or the past. */
 void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW_KEPT][SW_SENSORS]);
 
 /* Fills in the input of the control step. */
@@ -189,8 +189,8 @@ void sw_sensors_start(sw_sensors *sensors);
 
 #if SW_SENSOR_CHECK
 /* Checks the pressures of a period against the window in `memory`. `cp` is NULL if there are no pressures; `reading`
- * has the pressures divided by the dynamic pressure at the design speed, even if the vehicle has another speed. Returns
- * the SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
+ * has the pressures divided by the dynamic pressure at the design speed, at any speed of the vehicle. Returns the
+ * SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
  */
 uint8_t sw_sensors_next(sw_sensors *sensors, const sw_numbers *numbers, sw_estimator_work *work, const sw_memory *memory,
                         const double *cp, const double *reading, int64_t skipped);
@@ -199,9 +199,9 @@ uint8_t sw_sensors_next(sw_sensors *sensors, const sw_numbers *numbers, sw_estim
 /* --- sw_benefit.c --- */
 
 #if SW_BENEFIT_CHECK
-/* Checks whether control helps, after a period with the pressures `cp`; `cp` is NULL if there are no pressures. `speed`
- * is the speed divided by the design speed; `drives` states whether the jets were allowed to run during the past
- * period. Returns the SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
+/* Checks whether control helps. `cp` has the period's pressures; it is NULL if there are no pressures. `speed` is the
+ * speed divided by the design speed; `drives` states whether the jets were allowed to run during the past period.
+ * Returns the SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
  */
 uint8_t sw_benefit_next(sw_benefit *benefit, const sw_release *release, const double *cp, double speed, int drives);
 #endif
@@ -223,7 +223,7 @@ typedef struct {
 void sw_fail_safe_start(sw_fail_safe *fail_safe);
 void sw_fail_safe_next(sw_fail_safe *fail_safe, const sw_period_inputs *inputs);
 
-/* Latches a fault of the ECU itself that is detected during the period. */
+/* Latches a fault of the ECU itself, detected during the period. */
 void sw_fail_safe_latch(sw_fail_safe *fail_safe, uint8_t reason);
 
 int sw_drives_jets(uint8_t mode);
@@ -231,7 +231,7 @@ uint8_t sw_mode_on_wire(uint8_t mode);
 
 /* --- sw_calibration.c --- */
 
-/* Returns the least and the greatest permitted values; the release's own weights are within these limits. */
+/* Returns the least and the greatest permitted values. These limits include the release's own `weights`. */
 void sw_calibration_bounds(const float weights[SW_TERMS], sw_calibration *low, sw_calibration *high);
 
 /* Returns the number of the first value outside its limits, counted from 1; 0 if no value is outside. */
@@ -240,7 +240,7 @@ int sw_calibration_beyond(const sw_calibration *values, const sw_release *releas
 /* Returns a release's own calibration in this vehicle. */
 void sw_calibration_own(const sw_release *release, sw_calibration *own);
 
-/* Returns the gate's bounds for values within their limits; the bounds are never wider than the vehicle's bounds. */
+/* Returns the gate's bounds for valid values. The bounds are never wider than the vehicle's bounds. */
 sw_gate_limits sw_calibration_limits(const sw_calibration *values);
 
 /* --- sw_gate.c --- */

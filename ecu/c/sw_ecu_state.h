@@ -20,19 +20,19 @@
 #define SW_PAIRS (SW_SENSORS * (SW_SENSORS - 1) / 2)
 #define SW_HYPOTHESES (SW_SENSORS + SW_PAIRS)
 
-/* Number of stored rows of estimates: all rows of the window, or of the past in a release for a range of speeds. */
+/* Number of stored rows of estimates: the window's rows, or the past's rows in a release for a range of speeds. */
 #if SW_PAST > 0
 #define SW_KEPT SW_PAST
 #else
 #define SW_KEPT SW_WINDOW
 #endif
 
-/* Valid times are 0 to this limit (73 years), in ns, and always rise; any other time is a clock fault. */
+/* Times, in ns, must be from 0 to this limit (73 years) and must always rise; otherwise there is a clock fault. */
 #define SW_LATEST_NS ((int64_t)1 << 61)
 
 /* A CAN frame; bytes beyond `length` are not read. */
 typedef struct {
-    int64_t timestamp_ns; /* time of reception, or of hand-over for sending, on the clock of now_ns */
+    int64_t timestamp_ns; /* time when received or handed over for sending, on the clock of now_ns */
     uint32_t id;
     uint8_t is_extended; /* has a 29-bit identifier */
     uint8_t is_fd;
@@ -43,12 +43,12 @@ typedef struct {
 /* The operating mode in a control period; on the bus it has a number SW_MODE_ (sw_ecu_settings.h). */
 typedef enum {
     SW_INIT,    /* no usable pressures since power-on */
-    SW_STANDBY, /* the request has been high since power-on, and must fall first */
+    SW_STANDBY, /* the request has been high since power-on, and must first become low */
     SW_ARMED,   /* control is not requested */
     SW_WARMUP,  /* control is requested, but the window is not full, the speed is out of range, or a test runs */
     SW_CONTROL, /* the jets follow the controller */
     SW_HOLD,    /* pressures are missing: the last command is held */
-    SW_DECAY,   /* pressures are missing for longer: the command is halved each period */
+    SW_DECAY,   /* pressures are missing longer than in HOLD: the command is halved each period */
     SW_FAULT,   /* the jets are shut until good frames arrive and the request rises again */
     SW_UPDATE   /* a new release is being written; only a reset ends this mode */
 } sw_operating_mode;
@@ -88,7 +88,7 @@ typedef struct {
 typedef struct {
     sw_bus_health health;
     uint8_t fault;    /* SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE */
-    uint8_t updating; /* whether a new release is being written: once no jet may run, the ECU is off until a reset */
+    uint8_t updating; /* a new release is being written: as soon as no jet may run, the ECU is off until a reset */
 } sw_surroundings;
 
 /* The state of a receiver. Counts saturate at their largest value. */
@@ -110,20 +110,20 @@ typedef struct {
     uint8_t enable_request;
     uint32_t misses; /* consecutive periods without usable pressures */
     uint32_t good;   /* consecutive periods with usable pressures */
-    uint64_t lost;   /* one bit for each of the latest SW_LOSS_WINDOW periods, the lowest for the newest: 1 if lost */
+    uint64_t lost;   /* one bit for each of the latest SW_LOSS_WINDOW periods, 1 if lost; bit 0: newest period */
 } sw_fail_safe;
 
 typedef struct {
     uint8_t has_step;
     uint8_t fault; /* SW_REASON_, or SW_REASON_NONE */
-    uint32_t off_time; /* bit i is 1 if the step i steps before the latest step was early or late */
+    uint32_t off_time; /* one bit per step, 1 if it was early or late; bit 0: latest step */
     int64_t step_ns;
     int64_t lag_ns;
     int64_t skipped;
 } sw_timing;
 
 #if SW_PAST > 0
-/* The rows of the latest control periods with their speeds; the last `count` rows have data, the others are zero. */
+/* The rows of the latest control periods and their speeds. The last `count` rows have data; the other rows are zero. */
 typedef struct {
     uint32_t count;
     double rows[SW_PAST][SW_COLUMNS]; /* rows as in the window, each made dimensionless with its period's speed */
@@ -143,7 +143,7 @@ typedef struct {
 typedef struct {
     sw_receiver receiver; /* receiver of VehicleSpeed */
     uint8_t known;        /* whether the latest accepted speed is not too old */
-    uint8_t is_off;       /* whether the speed left the range by more than the margin and has not yet returned */
+    uint8_t is_off;       /* whether the speed left the range by more than the margin and has not returned */
     double ratio;         /* speed divided by the design speed; 0 if unknown */
     double density;       /* density of the air in kg/m3, from the same frame */
     int64_t measured_ns;
@@ -158,10 +158,10 @@ typedef struct {
     uint32_t gap;  /* consecutive periods without pressures */
     double window[SW_WINDOW][SW_COLUMNS];
     float plan[SW_HORIZON];
-    uint32_t frozen; /* number of a plan's first actions that are in transit, because of the actuator's delay */
+    uint32_t frozen; /* number of a plan's actions that are in transit to a delayed actuator */
     double under_way[SW_HORIZON]; /* the latest `frozen` + 1 sent actions, oldest first; then zeros */
 #if SW_PAST > 0
-    sw_past past; /* record from which the window is resampled */
+    sw_past past; /* past rows from which the window is resampled */
 #endif
 } sw_memory;
 
@@ -186,9 +186,9 @@ typedef struct {
 typedef struct {
     uint32_t waking; /* number of periods with shut jets that are still needed until the wake has recovered */
     uint32_t rested; /* number of periods in the means without control, up to SW_PROVEN_PERIODS */
-    uint32_t driven; /* number of periods in the means under control, up to the first period that is judged */
+    uint32_t driven; /* number of periods in the means under control; counts up to the first judged period */
     uint32_t doubt;
-    uint32_t spent; /* number of periods in tests minus periods in which control helped, up to SW_PATIENCE */
+    uint32_t spent; /* periods in tests minus periods in which control helped, from 0 to SW_PATIENCE */
     double resting_suction;
     double resting_swing;
     double suction;
@@ -200,7 +200,7 @@ typedef struct {
 typedef struct {
     uint8_t is_there;
     uint32_t frames;  /* number of the other ECU's frames so far */
-    int64_t until_ns; /* time at which the other ECU counts as gone if it sends no further frame */
+    int64_t until_ns; /* time from which the other ECU counts as gone if it sends no further frame */
 } sw_other_ecu;
 
 /* The whole state from one control period to the next. */
@@ -228,7 +228,7 @@ typedef struct {
 #endif
 } sw_ecu_state;
 
-/* The parameters of a release without its controller and its sensor estimator. They are read in place. */
+/* The parameters of a release that belong neither to its controller nor to its sensor estimator; read in place. */
 typedef struct {
     double fast_deviation[SW_SENSORS][SW_SENSORS]; /* [j][i]: Cp deviation of healthy sensor i's residual without j */
     double slow_deviation[SW_SENSORS][SW_SENSORS]; /* as fast_deviation, for the slow means of the residuals */
@@ -263,7 +263,7 @@ typedef struct {
 } sw_calibration;
 
 #if SW_SECOC
-/* The data that a node needs in one power cycle to use the bus key. */
+/* The data that a node needs to use the bus key in one power cycle. */
 typedef struct {
     uint8_t key[SW_AES_BYTES];
     uint32_t trip;           /* number of power cycles, including this one; already counted in non-volatile memory */
@@ -294,7 +294,7 @@ typedef union {
 } sw_ecu_work;
 
 typedef struct {
-    sw_ecu_state state; /* the part that is saved, compared as bytes, and restored by sw_ecu_restore */
+    sw_ecu_state state; /* the part that is saved and compared as bytes; sw_ecu_restore restores it */
     sw_surroundings surroundings;
     sw_calibration calibration; /* values in force; only sw_ecu_calibrate changes these values */
     sw_gate_limits limits;      /* bounds of the gate that follow from the calibration */

@@ -1,10 +1,10 @@
 /* The estimates of each pressure from the other pressures, for all views of a window. A view leaves out sensors or
  * exchanges two sensors (contract/controller/estimator.py).
  *
- * The first layer is linear in the window's columns, so the views share the products of this layer. Each column is
- * multiplied once, in integers, for each place that the column has in a view. A view's input to the first ReLU is a sum
- * of these products. Activations are int16: readings in units of 1 / SW_ESTIMATOR_ONE, and hidden activations in units
- * of 1 / SW_INT16_QMAX of the largest activation in their vector. The products of both layers are exact, and all other
+ * The first layer is linear in the window's columns, so the views share the products of this layer. A column is
+ * multiplied, in integers, only once for each place that it has in a view. A view's input to the first ReLU is a sum of
+ * these products. Activations are int16: readings in units of 1 / SW_ESTIMATOR_ONE, and hidden activations in units of
+ * 1 / SW_INT16_QMAX of the largest activation in their vector. The products of both layers are exact, and all other
  * operations have a fixed order, so that all processors give equal bits.
  */
 #include "sw_ecu_settings.h"
@@ -25,7 +25,7 @@
 #error "SW_ESTIMATOR_ROWS: the window has fewer"
 #endif
 
-/* The products are not inlined: the time of a call matters less than the flash that a copy of their code takes. */
+/* Functions marked ONCE are not inlined: a call costs little time, but each copy of their code would take flash. */
 #if defined(__GNUC__)
 #define ONCE __attribute__((noinline))
 #else
@@ -41,7 +41,7 @@ static void take_readings(sw_estimator_work *work, const double window[SW_WINDOW
     }
 }
 
-/* Computes the product of a window's column with the first-layer weights of a place, in work->sums. */
+/* Computes work->sums, the product of a window's column and the first-layer weights of a place. */
 ONCE static void product_of(sw_estimator_work *work, int place, int column)
 {
     const sw_estimator_weights *w = work->weights;
@@ -53,7 +53,7 @@ ONCE static void product_of(sw_estimator_work *work, int place, int column)
     sw_dots(work->sums, w->column_rows[place], work->vector, SW_ESTIMATOR_WIDTH, SW_ESTIMATOR_ROWS);
 }
 
-/* Computes the change of the sums if a sensor is left out; work->sums has the product of the sensor's column. */
+/* Computes the change of the sums if a sensor is left out. work->sums must have the product of the sensor's column. */
 ONCE static void left_out(const sw_estimator_work *work, int sensor, int32_t out[SW_ESTIMATOR_WIDTH])
 {
     const sw_estimator_weights *w = work->weights;
@@ -89,7 +89,7 @@ ONCE static void exchanged(sw_estimator_work *work, int one, int other)
     }
 }
 
-/* Computes the second layer's values from the first layer's values in work->values, both after the ReLU; `largest` is
+/* Replaces work->values, the first layer's values, by the second layer's values; both are after the ReLU. `largest` is
  * the largest of the first layer's values.
  */
 static void second_layer(sw_estimator_work *work, float largest)
@@ -107,7 +107,7 @@ static void second_layer(sw_estimator_work *work, float largest)
     }
 }
 
-/* Computes the hidden layers of a view from the first layer's sums plus the change for the sensor left out. */
+/* Computes the hidden layers of a view. `out` is the change of the first layer's sums for the sensor left out. */
 ONCE static void hidden_layers(sw_estimator_work *work, const int32_t *sums, const int32_t *out)
 {
     const sw_estimator_weights *w = work->weights;
@@ -121,7 +121,7 @@ ONCE static void hidden_layers(sw_estimator_work *work, const int32_t *sums, con
     second_layer(work, largest);
 }
 
-/* Computes the last layer for one sensor, in Cp, in four independent sums, so that no addition waits for another. */
+/* Computes the last layer for one sensor, in Cp. It adds to four independent sums, so that no addition waits. */
 ONCE static double last_layer(const sw_estimator_work *work, int sensor)
 {
     const sw_estimator_weights *w = work->weights;

@@ -38,12 +38,12 @@ typedef struct sw_estimator_weights {
 
 extern const sw_estimator_weights sw_own_estimator; /* the compiled-in weights */
 
-/* Scratch memory. The sums are first-layer sums in integers; SW_ESTIMATOR_ONE stands for a reading or flag of 1. */
+/* Scratch memory. The sums are first-layer sums in integers; SW_ESTIMATOR_ONE represents a reading or flag of 1. */
 typedef struct {
     const sw_estimator_weights *weights;         /* the network in use */
-    int32_t all[SW_ESTIMATOR_WIDTH];             /* sum of the products of all columns in place, without flags */
+    int32_t all[SW_ESTIMATOR_WIDTH];             /* sum of all columns' products, each in its place, without flags */
     int32_t crossed[SW_ESTIMATOR_WIDTH];         /* `all` with two readings exchanged, or without a sensor */
-    int32_t out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of the sum without a sensor: flag minus column */
+    int32_t out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of the sum if a sensor is left out: flag minus column */
     int32_t crossed_out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of `crossed` if a sensor is left out */
     int32_t sums[SW_ESTIMATOR_WIDTH];
     float readings[SW_COLUMNS][SW_ESTIMATOR_ROWS]; /* columns of the window */
@@ -52,10 +52,10 @@ typedef struct {
     double estimates[SW_SENSORS + SW_SENSORS * (SW_SENSORS - 1) / 2][SW_SENSORS]; /* the result of sw_estimate */
 } sw_estimator_work;
 
-/* Estimates the newest pressures, in Cp, under every hypothesis, into work->estimates: entry [h][i] is the estimate for
- * sensor i under hypothesis h. The estimates of row j < SW_SENSORS leave out the sensors j and i. The estimates of row
- * SW_SENSORS + p exchange the p-th pair of sensors and leave out sensor i. The window has data from row `first` on.
- * Estimates are always finite.
+/* Writes estimates of the newest pressures, in Cp, to work->estimates. Entry [h][i] is the estimate for sensor i under
+ * hypothesis h. The estimates of row j < SW_SENSORS leave out the sensors j and i. The estimates of row SW_SENSORS + p
+ * exchange the p-th pair of sensors and leave out sensor i. The window has data from row `first` on. Estimates are
+ * always finite.
  */
 void sw_estimate(sw_estimator_work *work, const sw_estimator_weights *weights,
                  const double window[SW_WINDOW][SW_COLUMNS], int first);

@@ -1,7 +1,7 @@
 /* The fail-safe: a table of states and transitions decides on the ECU's mode in each control period.
  *
- * The rows are searched from the first on. A period takes the first row whose start contains the present mode and whose
- * condition is true. This file corresponds to ecu/fail_safe.py, with the same rows, order and names.
+ * A period takes the first row whose start contains the present mode and whose condition is true. This file corresponds
+ * to ecu/fail_safe.py, with the same rows, order and names.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
@@ -10,18 +10,18 @@ typedef enum {
     ALWAYS,
     UPDATING,  /* a new release is being written */
     OWN_FAULT, /* a fault of clock, deadline, bus, sensors or controller; or another ECU is on the bus */
-    REARMED,   /* the request rises, and SW_REARM_FRAMES or more consecutive periods have usable pressures */
+    REARMED,   /* the request rises after at least SW_REARM_FRAMES consecutive periods with usable pressures */
     REARMED_FILLING,
     LOW,            /* control is not requested */
     NEVER_YET,      /* no usable pressures, and the request does not rise */
     LOW_AND_USABLE, /* usable pressures, and the request is low */
-    STANDING,       /* usable pressures, and the request has not changed from low to high */
+    STANDING,       /* usable pressures, and the request does not rise */
     INVALID,        /* the stream is not trusted */
-    TOO_LONG,       /* more consecutive periods are missing than hold and decay periods together */
-    TOO_MANY,       /* SW_LOSS_LIMIT of the latest SW_LOSS_WINDOW periods are missing, including this period */
+    TOO_LONG,       /* pressures are missing for longer than the hold and decay periods together */
+    TOO_MANY,       /* this period is lost, and with it SW_LOSS_LIMIT or more of the latest SW_LOSS_WINDOW periods */
     FILLING,        /* the window is not full, the speed is out of the release's range, or a test runs */
     USABLE,         /* usable pressures */
-    SHORT           /* no more consecutive periods are missing than hold periods */
+    SHORT           /* pressures are missing for no longer than the hold periods */
 } condition;
 
 typedef enum {
@@ -29,7 +29,7 @@ typedef enum {
     QUIET, /* no reason; NOT_AUTHENTIC if no frame is authentic */
     WRITING,
     STANDS,  /* NOT_ARMED; NOT_AUTHENTIC if no frame is authentic */
-    MISSING, /* reason why pressures are missing; no reason if none are missing */
+    MISSING, /* reason why pressures are missing, or no reason */
     WAITING, /* like MISSING; OFF_SPEED at a speed out of range, NOT_HELPING in a test */
     OWN,     /* reason of the ECU's own fault */
     FIRST    /* the reason of the first fault stays */
@@ -42,7 +42,7 @@ typedef struct {
     uint8_t reason; /* origin of the reason: a value of `because` */
 } transition;
 
-/* The data on which the conditions depend: one period's inputs, and the counts up to this period. */
+/* The data on which the conditions depend: this period's inputs, and the counts that include this period. */
 typedef struct {
     const sw_period_inputs *inputs;
     uint8_t request;
@@ -100,7 +100,7 @@ static uint8_t missing(const period *now)
     return now->inputs->usable ? (uint8_t)SW_REASON_NONE : now->inputs->unusable_because;
 }
 
-/* Returns `reason`, or NOT_AUTHENTIC if no frame of the vehicle is authentic; the vehicle's request is then ignored. */
+/* Returns `reason`; or NOT_AUTHENTIC if no frame of the vehicle is authentic, so that its request is ignored. */
 static uint8_t unless_refused(const period *now, uint8_t reason)
 {
     return missing(now) == SW_REASON_NOT_AUTHENTIC ? (uint8_t)SW_REASON_NOT_AUTHENTIC : reason;
@@ -213,7 +213,7 @@ static const transition *taken(uint8_t mode, const period *now)
     return &transitions[LAST];
 }
 
-/* Returns a bit for each of the latest periods with a request for control, and for this period: 1 if it is lost. */
+/* Returns one bit for each of the latest periods with a request for control, including this period: 1 means lost. */
 static uint64_t lost_with(const sw_fail_safe *before, const period *now)
 {
     const unsigned counts_no_loss = FAULT | UPDATE;
@@ -242,7 +242,7 @@ void sw_fail_safe_next(sw_fail_safe *fail_safe, const sw_period_inputs *inputs)
     now.request = inputs->has_request ? inputs->enable_request : fail_safe->enable_request;
     now.rises = now.request && !fail_safe->enable_request;
     if (inputs->usable) {
-        /* After a fault of the ECU itself, good frames count for re-arming only from the fault's latest period on. */
+        /* A fault of the ECU itself restarts the count of good frames for re-arming, with this period's frame. */
         now.good = inputs->fault == SW_REASON_NONE ? sw_counted(fail_safe->good, 1) : 1u;
     } else {
         now.misses = sw_counted(fail_safe->misses, 1);
@@ -251,7 +251,7 @@ void sw_fail_safe_next(sw_fail_safe *fail_safe, const sw_period_inputs *inputs)
     now.lost = sw_bit_count(lost);
     const transition *row = taken(fail_safe->mode, &now);
     if (row->to == SW_FAULT && fail_safe->mode != SW_FAULT) {
-        /* As after power-on, the request must first be low: a rise that the ECU missed must not end the fault. */
+        /* As after power-on, the request must first be low, so that a rise that was missed does not end the fault. */
         now.request = !inputs->has_request || inputs->enable_request;
     }
     fail_safe->mode = row->to;

@@ -1,9 +1,9 @@
 /* The command gate: the last check before a jet command is sent. It does not trust the controller.
  *
- * The jets are shut immediately in four cases, checked in this order: permission is missing, the command is not a
- * finite number, the clock has not advanced, or fresh pressures are missing. Otherwise the command is limited to its
- * range, and the change from the previous command is limited to one step. Zero is the safe state, so the step limit
- * never slows down a shut-off. This file corresponds to can_bridge/command_gate.py.
+ * The gate shuts the jets immediately in four cases, which it checks in this order: permission is missing, the command
+ * is not a finite number, the clock has not advanced, or fresh pressures are missing. Otherwise the command is limited
+ * to its range, and the change from the previous command is limited to one step. Zero is the safe state, so the step
+ * limit never slows down a shut-off. This file corresponds to can_bridge/command_gate.py.
  */
 #include <float.h>
 
@@ -17,7 +17,7 @@ static double clamp(double value, double low, double high) { return smaller(larg
 
 static int is_finite(double value) { return value >= -DBL_MAX && value <= DBL_MAX; }
 
-/* Returns the time between any two times. `to_ns` must not be earlier than `from_ns`. */
+/* Returns the time between two times, without overflow. `to_ns` must not be earlier than `from_ns`. */
 static uint64_t elapsed_ns(int64_t from_ns, int64_t to_ns) { return (uint64_t)to_ns - (uint64_t)from_ns; }
 
 static sw_gated shut(uint8_t why)
@@ -26,7 +26,7 @@ static sw_gated shut(uint8_t why)
     return gated;
 }
 
-/* Returns the largest change from the previous command, proportionally smaller if less than a period has passed. */
+/* Returns the largest change from the previous command. It is proportional to the time passed, up to a period. */
 static double largest_change(double step_m2_per_s, int has_previous, int64_t previous_ns, int64_t now_ns)
 {
     double share = 1.0;
@@ -37,13 +37,13 @@ static double largest_change(double step_m2_per_s, int has_previous, int64_t pre
     return step_m2_per_s * share;
 }
 
-/* Returns whether pressures are fresh enough. They may be older for a command between zero and the last command. */
+/* Returns whether pressures are fresh enough. A command between zero and the last command permits older pressures. */
 static int is_fresh(double flow_m2_per_s, double previous_m2_per_s, int64_t pressure_ns, int64_t now_ns)
 {
     const int towards_zero = smaller(0.0, previous_m2_per_s) <= flow_m2_per_s &&
                              flow_m2_per_s <= larger(0.0, previous_m2_per_s);
     const int64_t oldest_ns = towards_zero ? SW_HELD_AGE_NS : SW_FRESH_AGE_NS;
-    /* A pressure from the future counts as stale, since one of the two clocks is wrong. */
+    /* A pressure with a future time counts as stale: one of the two clocks must be wrong. */
     return pressure_ns <= now_ns && elapsed_ns(pressure_ns, now_ns) <= (uint64_t)oldest_ns;
 }
 
@@ -63,7 +63,7 @@ sw_gated sw_gate(double flow_m2_per_s, int enable, double previous_m2_per_s, int
     if (in_range != flow_m2_per_s) gated.interventions = SW_GATED_RANGE;
     if (gated.flow_m2_per_s != in_range) {
         gated.interventions = (uint8_t)(gated.interventions | SW_GATED_RATE);
-        /* The range is applied last, since the previous command may have been outside the range. */
+        /* The range is applied last, since the previous command may be outside it. */
         gated.flow_m2_per_s = clamp(gated.flow_m2_per_s, -range, range);
     }
     return gated;

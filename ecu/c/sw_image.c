@@ -1,4 +1,4 @@
-/* The functions that find the parameters in an image, and check that each index and bound among them is valid. */
+/* The functions that find the parameters in an image, and check each index and each bound among the parameters. */
 #include "sw_image.h"
 
 #include <stddef.h>
@@ -10,8 +10,8 @@
 
 const uint8_t sw_layout_sha256[32] = SW_LAYOUT_SHA256;
 
-/* Limits of some numbers in a payload: there are `groups` groups of `run` numbers each, `stride` bytes apart; the first
- * group begins at the offset `place`.
+/* Limits of some numbers in a payload. There are `groups` groups of `run` numbers each. The first group begins at the
+ * offset `place`; each following group begins `stride` bytes later.
  */
 typedef struct {
     uint32_t place, run;
@@ -30,7 +30,7 @@ static uint32_t length_of(const uint8_t *image)
     return (uint32_t)field[0] | ((uint32_t)field[1] << 8) | ((uint32_t)field[2] << 16) | ((uint32_t)field[3] << 24);
 }
 
-/* --- Limits of single numbers; NaN is within none --- */
+/* --- Limits of single numbers; NaN is outside all limits --- */
 
 #define WITHIN(NAME, TYPE, BOUND)                                                                 \
     static int NAME(const TYPE *values, uint32_t count, double lowest, double highest)            \
@@ -75,7 +75,7 @@ static int filters_fit(const sw_weights *weights)
     return fit;
 }
 
-/* Checks that the speeds are in rising order, and that the past suffices for the window at the slowest speed. */
+/* Checks that the speeds rise, and that the past is long enough for the window at the slowest speed. */
 static int speeds_fit(const sw_release *release)
 {
     int fit = 1;
@@ -101,7 +101,7 @@ static int can_run(const sw_payload *payload)
 
 sw_image_status sw_image_open(const uint8_t *image, sw_numbers *numbers)
 {
-    /* The image may be longer: a text that describes the layout for tools follows the parameters. */
+    /* The image may be longer: after the parameters, a text describes the layout for tools. */
     uint32_t differing = length_of(image) < SW_IMAGE_HEADER + sizeof(sw_payload) ? 1u : 0u;
     for (int i = 0; i < 32; i++) differing |= (uint32_t)image[LAYOUT + i] ^ (uint32_t)sw_layout_sha256[i];
     if (differing != 0u) return SW_IMAGE_OTHER_BUILD;

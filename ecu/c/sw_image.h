@@ -35,12 +35,12 @@ typedef enum {
     SW_IMAGE_BAD_NUMBERS = 3  /* a number is NaN, or an index or a bound is outside its limits */
 } sw_image_status;
 
-/* SHA-256 of this build's layout: sizes and types of all parameters, and the settings on which they depend. */
+/* SHA-256 of this build's layout: sizes and types of all parameters, and the settings that determine the layout. */
 extern const uint8_t sw_layout_sha256[32];
 
 /* Returns the addresses of a verified image's parameters, for sw_ecu_init_of. The addresses are written only if the
- * answer is SW_IMAGE_OK. Every number is checked once, so that no index leads outside an array and no divisor is 0. A
- * board may then copy *numbers->program.hot to faster memory, and let the pointer point to the copy.
+ * answer is SW_IMAGE_OK. This call checks every number, so that no index leads outside an array and no divisor is 0. A
+ * board may then copy *numbers->program.hot to faster memory, and set the pointer to the copy.
  */
 sw_image_status sw_image_open(const uint8_t *image, sw_numbers *numbers);
 

@@ -1,4 +1,4 @@
-/* The check of exact arithmetic: known answers of float and double, and a test that no operations are contracted. */
+/* The check of exact arithmetic: known answers in float and double, and a test that no operations are fused. */
 /* This header comes before all others: it also switches off contraction for the checks of sw_arithmetic.h. */
 #include "sw_exact.h"
 

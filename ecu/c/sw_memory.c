@@ -1,9 +1,9 @@
 /* The memory of the controller from one period to the next: window, plan and actions in transit.
  *
  * The window's row at period k is (Cp_k, a_{k-1}): the present pressures, and the action in force when they were
- * sampled. In a release for a range of speeds the window is resampled from a record of past periods. Pressures, actions
- * and plan are then made dimensionless with the present speed, but sent actions and actions in transit with the design
- * speed. This file corresponds to ecu/controller_memory.py.
+ * sampled. In a release for a range of speeds the window is resampled from a record of past periods. The present speed
+ * then makes pressures, actions and plan dimensionless; for sent actions and actions in transit it is the design speed.
+ * This file corresponds to ecu/controller_memory.py.
  */
 #include "sw_ecu_parts.h"
 
@@ -44,12 +44,12 @@ void sw_memory_bridged(sw_memory *memory)
 {
     if (memory->gap <= LONGEST_GAP) memory->gap++;
     if (memory->gap > LONGEST_GAP) {
-        /* The controller never plans on outdated pressures. */
+        /* The controller must not plan from outdated pressures. */
         sw_memory_emptied(memory);
     } else if (memory->rows > 0) {
         extended(memory, memory->window[SW_WINDOW - 1], sw_memory_speed(memory));
     } else {
-        /* There is no row yet that could be repeated. */
+        /* No row can be repeated, because there is none yet. */
     }
 }
 
@@ -81,10 +81,10 @@ void sw_memory_commanded(sw_memory *memory, double action)
     memory->under_way[frozen] = action;
 }
 
-/* Sent actions do not change, but they take effect at another time. The latest actions are in transit. Each row of the
- * window has the action that was in force under the new delay. If a row would need an action older than the oldest
- * row's action, it gets the oldest row's action. The plan is shifted so that its action for the next period does not
- * change. In a release for a range of speeds, a changed delay empties the window.
+/* Changes the delay, and so the times at which the sent actions take effect. The latest actions are in transit. Each
+ * row of the window gets the action that would have been in force with the new delay, or the oldest row's action if no
+ * older action is stored. The plan is shifted so that its action for the next period does not change. In a release for
+ * a range of speeds, a changed delay empties the window.
  */
 void sw_memory_freeze(sw_memory *memory, int frozen)
 {
@@ -118,7 +118,7 @@ void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW
 {
 #if SW_PAST > 0
     for (int k = SW_PAST - (int)memory->past.count; k < SW_PAST; k++) memory->past.rows[k][sensor] = values[k][sensor];
-    /* If the window has a row, its other columns are already resampled from the past. */
+    /* If the window has rows, their other columns are already resampled from the past. */
     const int is_new = memory->rows == 0u;
     memory->rows = sw_past_read(&memory->past, memory->window, is_new ? 0 : sensor, is_new ? SW_SENSORS : sensor);
 #else
@@ -138,8 +138,8 @@ void sw_memory_input(const sw_memory *memory, const sw_calibration *calibration,
         input->free[k] = k < frozen ? 0.0f : 1.0f;
     }
     /* The control step shifts the plan by a step. The plan's first actions are then in transit to a delayed actuator.
-     * They are replaced by the sent actions. The sent actions include the effects of the gate, of holding a command and
-     * of the message's resolution.
+     * The sent actions replace them, because they include the effects of the gate, of held commands and of the
+     * message's resolution.
      */
     for (int k = 1; k <= frozen; k++) {
         const double sent = memory->under_way[k] / speed;

@@ -25,7 +25,7 @@ void sw_past_extend(sw_past *past, const double row[SW_COLUMNS], double speed)
         for (int c = 0; c < SW_COLUMNS; c++) past->rows[k][c] = past->rows[k + 1][c];
         past->speeds[k] = past->speeds[k + 1];
     }
-    /* The filter needs the pressures of the period before. `newest` still has these pressures. */
+    /* `newest` still has the previous period's pressures, which the filter needs. */
     double *newest = past->rows[SW_PAST - 1];
     for (int s = 0; s < SW_SENSORS; s++) newest[s] = past->count > 0u ? sw_followed(newest[s], row[s], speed) : row[s];
     newest[SW_SENSORS] = row[SW_SENSORS];
@@ -45,7 +45,7 @@ uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS],
             age += past->speeds[at];
             at--;
         }
-        /* Whether the stored rows reach back to the time of row k of the window. */
+        /* Whether the stored rows go back as far as row k of the window. */
         const int is_there = at > oldest || (at == oldest && age >= steps);
         const double share = is_there ? (steps - age) / past->speeds[at] : 0.0;
         const int older = share > 0.0 ? at - 1 : at;

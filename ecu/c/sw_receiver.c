@@ -1,7 +1,7 @@
 /* The receiver of a protected message (PRS_E2EProtocol: first the profile check, then the state machine).
  *
- * Each frame gets a result (sw_check) from its CRC and counter. The period gets the result with the highest priority
- * among its frames' results. The results of the latest periods decide whether the stream is trusted.
+ * Each frame gets a result (sw_check) from its CRC and counter. A period's result is the result of its frames that has
+ * the highest priority. The results of the latest periods decide whether the stream is trusted.
  */
 #include "sw_ecu_parts.h"
 

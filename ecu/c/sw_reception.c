@@ -6,8 +6,8 @@
 
 #define ALL_VALID ((1u << SW_SENSORS) - 1u)
 
-/* The age includes the time in queues before and after sending. No frame has a time before 0. The order of the
- * comparisons keeps the differences within 64 bits.
+/* The time since sampling includes the time in queues before and after sending. A frame with a time before 0 is
+ * invalid. The order of the comparisons keeps the differences within 64 bits.
  */
 int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t oldest_ns)
 {
@@ -17,7 +17,7 @@ int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t ol
 }
 
 #if SW_SECOC
-/* Returns whether a pressure frame arrived. If frames arrived and no frame was accepted, no frame was authentic. */
+/* Returns whether a pressure frame arrived. If such frames arrived but none was accepted, none was authentic. */
 static int came(const sw_frame *frames, int count)
 {
     int any = 0;
@@ -55,7 +55,7 @@ void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *
     if (frame == NULL) return;
     sw_parse_pressure(frame->data, &pressure);
     if (receiver->stream != SW_VALID) {
-        /* Only a trusted stream can request control; every frame with a good check can withdraw the request. */
+        /* Only a trusted stream can request control. Any frame with a good check can withdraw the request. */
         received->has_request = (uint8_t)!pressure.enable_request;
         return;
     }
@@ -117,7 +117,7 @@ static uint32_t heard_of_other(const sw_frame *frames, int count SW_BY_KEY(const
     return heard;
 }
 
-/* Both ECUs keep the jets shut until the other ECU has been silent for SW_SILENCE_NS. */
+/* Each of the two ECUs keeps the jets shut until the other one has been silent for SW_SILENCE_NS. */
 void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
                        int64_t step_ns SW_BY_KEY(const sw_secoc *secoc))
 {
@@ -130,6 +130,6 @@ void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
         other->is_there = 0;
         other->until_ns = 0;
     } else {
-        /* The other ECU still counts as present: it may only have lost its connection to the bus. */
+        /* The other ECU still counts as present: only its connection to the bus may be lost. */
     }
 }

@@ -1,5 +1,5 @@
 /* The sensor check. It judges whether the pressures are plausible. This file corresponds to ecu/sensor_check.py, which
- * explains the criteria. Sums are computed from left to right, as NumPy computes sums of so few numbers.
+ * explains the criteria. Sums are added from left to right, as NumPy adds so few numbers.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
@@ -38,11 +38,11 @@ void sw_sensors_start(sw_sensors *sensors)
 
 /* Evidence for errors of the sensors, relative to the values of healthy sensors. */
 typedef struct {
-    double liar[SW_SENSORS]; /* evidence that this sensor reads wrongly and the other sensors do not */
+    double liar[SW_SENSORS]; /* evidence that only this sensor reads wrongly */
     double bias[SW_SENSORS]; /* like `liar`, from the slow means */
     double swap;             /* evidence that two sensors are exchanged: the largest value of all pairs */
     double doubt;            /* evidence that the sensors in use contradict each other */
-    double drift;            /* `doubt` of the slow means without the excluded sensor, or else without the worst one */
+    double drift;            /* `doubt` of the slow means without the excluded sensor, or without the worst sensor */
 } levels;
 
 static double square(double value) { return value * value; }
@@ -67,10 +67,10 @@ static double others_mean(const double values[SW_SENSORS], int own)
     return (sum - values[own]) / (double)(SW_SENSORS - 1);
 }
 
-/* Returns the row of deviations for a hypothesis and a sensor. Exchanges have no rows: the sensor's row is used. */
+/* Returns the row of deviations for a hypothesis and a sensor. A hypothesis of an exchange uses the sensor's row. */
 static int row_of(int hypothesis, int sensor) { return hypothesis < SW_SENSORS ? hypothesis : sensor; }
 
-/* Repeats the newest estimates in new rows: one row for this period, and one row for each skipped period. */
+/* Appends copies of the newest row of estimates: one for this period, and one for each skipped period. */
 static void prolong(sw_sensors *sensors, int64_t skipped)
 {
     const int rows = skipped < SW_KEPT ? (int)skipped + 1 : SW_KEPT;
@@ -110,8 +110,8 @@ static void average(sw_sensors *sensors, const sw_release *release, int h, const
     }
 }
 
-/* Updates the running means of all hypotheses: each sensor may read wrongly, and each pair may be exchanged. The
- * readings of an exchanged pair are compared crosswise.
+/* Updates the running means of all hypotheses: each sensor may read wrongly, and each pair may be exchanged. For an
+ * exchanged pair, each reading is compared with the other sensor's estimate.
  */
 static void average_all(sw_sensors *sensors, const sw_release *release, const double cp[SW_SENSORS],
                         const sw_estimator_work *work)
@@ -131,7 +131,7 @@ static void average_all(sw_sensors *sensors, const sw_release *release, const do
     sensors->judged = 1;
 }
 
-/* Returns a sensor's value divided by 1 plus the mean of the other sensors' values. */
+/* Returns a sensor's value / (1 + mean of the other sensors' values). */
 static double alone_in(const double values[SW_SENSORS], int own)
 {
     return values[own] / (1.0 + others_mean(values, own));
@@ -183,7 +183,7 @@ static double moved(const double window[SW_WINDOW][SW_COLUMNS], int first, int c
     return most - least;
 }
 
-/* Returns the mean deviation of healthy sensors' residuals, if each sensor is estimated from all others. */
+/* Returns the mean deviation of healthy sensors' residuals; each sensor is estimated from all other sensors. */
 static double sound_deviation(const sw_release *release)
 {
     double sound[SW_SENSORS];
@@ -191,8 +191,8 @@ static double sound_deviation(const sw_release *release)
     return mean_of(sound);
 }
 
-/* Returns whether there was a flow while the sensor `resting` was stuck: the median of the ranges of the other sensors'
- * pressures is then large enough. Rows before row `first` are taken to be equal to row `first`.
+/* Returns whether there was a flow while the sensor `resting` was stuck. If there was a flow, the median range of the
+ * other sensors' pressures is large. Rows before row `first` count as equal to row `first`.
  */
 static int others_move(const sw_release *release, int resting, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
@@ -205,7 +205,7 @@ static int others_move(const sw_release *release, int resting, const double wind
     return median >= SW_MOVING * sound_deviation(release);
 }
 
-/* Returns whether two sensors in use have nearly equal readings over a whole window while the readings change. */
+/* Returns whether two sensors in use have nearly equal, changing readings over a whole window. */
 static int any_alike(const sw_release *release, const double window[SW_WINDOW][SW_COLUMNS], int set_aside)
 {
     const double sound = sound_deviation(release);
@@ -240,7 +240,7 @@ static int liar_of(const levels *found)
     return liar;
 }
 
-/* Returns the count of doubt: one more after a period with doubt, one less after a period without doubt. */
+/* Returns the new count of doubt: one more after a period with doubt, one less after any other period. */
 static uint32_t counted_doubt(uint32_t doubt, int doubted)
 {
     uint32_t next = doubt;

@@ -1,5 +1,5 @@
-/* The vehicle's speed through the air, for the conversion of pressures to coefficients and of actions to flow rates.
- * While no new speed is accepted, the last accepted speed stays in force for a limited time. This file corresponds to
+/* The vehicle's speed through the air, for the conversion of pressures to coefficients and of actions to flow rates. If
+ * no new speed is accepted, the last accepted speed stays in force for a limited time. This file corresponds to
  * ecu/speed_reception.py.
  */
 #include "sw_ecu_parts.h"
@@ -16,7 +16,7 @@ static uint64_t age_of(const sw_speed_state *speed, int64_t now_ns)
 static int is_plausible(const sw_speed_state *speed, const sw_release *release, double speed_m_per_s, int64_t now_ns)
 {
     const double elapsed_s = (double)age_of(speed, now_ns) * 1e-9;
-    /* In a time shorter than SW_SHORTEST_S, rounding or a late frame would be mistaken for an acceleration. */
+    /* Over a time shorter than SW_SHORTEST_S, rounding or a late frame would look like an acceleration. */
     const double most = SW_MOST_ACCELERATION * (elapsed_s > SW_SHORTEST_S ? elapsed_s : SW_SHORTEST_S);
     const double change = speed_m_per_s - speed->ratio * release->design_speed;
     return !speed->known || (change <= most && change >= -most);
@@ -74,7 +74,7 @@ double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *
     return speed->known ? 0.5 * speed->density * through_air * through_air : 0.0;
 }
 
-/* --- The estimate of the air speed; its terms are those of contract/controller/air_speed.py --- */
+/* --- The estimate of the air speed, with the terms of contract/controller/air_speed.py --- */
 
 #if SW_AIR_SPEED
 
@@ -86,7 +86,7 @@ static double signal_of(const double row[SW_COLUMNS], int i)
     return i < PAIRS ? row[2 * i] - row[2 * i + 1] : row[SW_SENSORS];
 }
 
-/* Returns a feature of the window's newest row: a sum, or a product of a signal of this row with an earlier signal. */
+/* Returns a feature of the window's newest row: a sum, or a product of one of its signals and an earlier signal. */
 static double feature_of(const sw_memory *memory, int n)
 {
     static const uint8_t lags[] = SW_AIR_LAGS;
@@ -103,7 +103,7 @@ static double between(double value, double least, double most)
     return raised > most ? most : raised;
 }
 
-/* Returns the logarithm of the speed in use divided by the air speed. */
+/* Returns the logarithm of (speed in use / air speed). */
 static double estimate_of(const double means[SW_AIR_FEATURES], const float weights[SW_AIR_WEIGHTS])
 {
     double sum = 0.0;
@@ -121,7 +121,7 @@ static double estimate_of(const double means[SW_AIR_FEATURES], const float weigh
     return sum;
 }
 
-/* Limits a correction, also to the release's range of speeds: there a larger one would have no effect. */
+/* Limits a correction, which must also not move the speed in use out of the release's range. */
 static double limited(double correction, double ratio, const sw_release *release)
 {
     const double least = between(release->slowest / ratio, 1.0 - SW_MOST_CORRECTION, 1.0);

@@ -1,12 +1,12 @@
 /* The timing check of the ECU's steps. It detects skipped periods, early steps, and a clock that stops or goes back.
  *
- * The lateness of the steps is summed. A sum of half a period counts as a skipped period. At every step an eighth of
- * the remaining sum is dropped. This file corresponds to ecu/timing.py, which gives the reasons.
+ * It adds up the lateness of the steps. A sum of half a period counts as a skipped period. Every step then reduces the
+ * remaining sum by an eighth. This file corresponds to ecu/timing.py, which gives the reasons.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
 
-/* A mask with one bit for each of the latest steps that are judged together. */
+/* A mask with one bit for each of the latest steps that the check considers. */
 #define JUDGED (UINT32_MAX >> (32 - SW_DEADLINE_WINDOW))
 
 /* Divides and rounds down, as Python does, whereas C rounds towards zero. */
@@ -53,10 +53,10 @@ void sw_timing_next(sw_timing *timing, int64_t now_ns)
         return;
     }
     const int64_t lag_ns = timing->lag_ns + now_ns - timing->step_ns - SW_PERIOD_NS;
-    const int64_t whole = floor_divided(2 * lag_ns + SW_PERIOD_NS, 2 * SW_PERIOD_NS); /* to the nearest period */
+    const int64_t whole = floor_divided(2 * lag_ns + SW_PERIOD_NS, 2 * SW_PERIOD_NS); /* rounded to periods */
     const uint32_t off_time = ((timing->off_time << 1) | (whole != 0 ? 1u : 0u)) & JUDGED;
     const int too_often = whole != 0 && sw_bit_count(off_time) >= SW_DEADLINE_MISSES;
-    /* True if the ECU made no step for longer than pressures may be missing. The vehicle then shuts the jets. */
+    /* True after a pause longer than hold and decay together; the vehicle has then shut the jets. */
     const int away = whole > SW_HOLD_PERIODS + SW_DECAY_PERIODS;
     timing->fault = SW_REASON_NONE;
     if (too_often || away) timing->fault = whole > 0 ? SW_REASON_DEADLINE : SW_REASON_CLOCK;

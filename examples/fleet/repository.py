@@ -5,9 +5,9 @@
     python examples/fleet/repository.py roll-out repo keys truck-wake-16 10
     python examples/fleet/repository.py renew repo keys
 
-Two roles decide together what a vehicle gets, as in Uptane. The role `releases` lists the bundles; its key and the key
-that signs bundles stay offline. The role `rollout` states which bundle each hundredth of the fleet runs; its key is
-used whenever a share grows. Neither role can do the work of the other role.
+As in Uptane, two roles together decide which bundle a vehicle gets. The role `releases` lists the bundles. Its key, and
+the key that signs bundles, stay offline. The role `rollout` states which bundle each hundredth of the fleet runs. Its
+key is used whenever a share grows. Neither role can do the work of the other role.
 """
 
 import argparse
@@ -53,7 +53,7 @@ LIFETIME: Final[Mapping[str, timedelta]] = {
     "snapshot": timedelta(days=30),
     "timestamp": timedelta(days=2),
 }
-"""Lifetime of each role's metadata. When the timestamp expires, a vehicle detects that a server withholds news."""
+"""Lifetime of each role's metadata. If a server withholds new metadata, the timestamp expires in the vehicle."""
 ROOT_KEYS: Final = ("root-1", "root-2", "root-3")
 ROOT_THRESHOLD: Final = 2
 T = TypeVar("T", Root, Snapshot, Targets, Timestamp)
@@ -66,9 +66,9 @@ class Repository:
 
     Args:
         folder: folder that a web server serves; it contains `metadata` and `targets`.
-        keys: folder with a subfolder for each key, as `stillwake keygen` makes it. The keys that a call does not use
-            may be absent.
-        now: present time, from which lifetimes are counted.
+        keys: folder with a subfolder for each key; `stillwake keygen` makes such subfolders. Keys that a call does not
+            use may be missing.
+        now: present time, at which lifetimes begin.
     """
 
     def __init__(self, folder: Path, keys: Path, now: datetime) -> None:
@@ -115,7 +115,7 @@ class Repository:
         verified = bundles.load(bundle)
         manifest = verified.manifest
         if verified.signer is None:
-            raise StillwakeError(f"bundle {bundle}: is not signed; no ECU would take it")
+            raise StillwakeError(f"bundle {bundle}: is not signed; no ECU would accept it")
         releases = self._read(RELEASES, Targets)
         place = f"{RELEASES}/{manifest.name}"
         if place in releases.signed.targets:
@@ -132,7 +132,7 @@ class Repository:
         return manifest.name
 
     def roll_out(self, name: str, percent: int) -> None:
-        """Let the first `percent` hundredths of the fleet run a release; the others keep their present releases."""
+        """Let the first `percent` hundredths of the fleet run a release; other vehicles keep their present releases."""
         if not 1 <= percent <= BINS:
             raise StillwakeError(f"share of {percent} %: must be in 1..{BINS}")
         place = f"{RELEASES}/{name}"
@@ -180,7 +180,7 @@ class Repository:
         metadata.to_file(str(part))
         if role != "timestamp":
             shutil.copyfile(part, place / f"{metadata.signed.version}.{role}.json")
-        # The next call of this program reads the file without a version. Vehicles read only the timestamp in this way.
+        # This program reads the file without a version in its name; vehicles do this only for the timestamp.
         part.replace(place / f"{role}.json")
 
     def _read(self, role: str, kind: type[T]) -> Metadata[T]:
@@ -188,7 +188,7 @@ class Repository:
         try:
             found: Metadata[T] = Metadata.from_file(str(path))
         except (StorageError, DeserializationError) as error:
-            raise StillwakeError(f"{path}: no metadata of a repository; make one with create") from error
+            raise StillwakeError(f"{path}: cannot be read as metadata; use `create` to make a repository") from error
         if not isinstance(found.signed, kind):
             raise StillwakeError(f"{path}: is metadata of another role")
         return found
@@ -198,7 +198,7 @@ class Repository:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Run the call that the arguments name."""
+    """Execute the command that the arguments name."""
     parser = argparse.ArgumentParser(description="A TUF repository of release bundles.")
     calls = parser.add_subparsers(dest="call", required=True)
     for call, words in (

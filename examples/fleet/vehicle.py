@@ -3,8 +3,8 @@
     python examples/fleet/vehicle.py https://fleet.example/ state --root 1.root.json --vehicle WDB123 --to new
     stillwake flash new --bus socketcan:can0 --access access.key
 
-This program runs on a computer in the vehicle or in a workshop. The ECU does not rely on its checks: the ECU itself
-checks the bundle's signature, hardware and security version. A repository on this machine is given by its path.
+This program runs on a computer in the vehicle or in a workshop. The ECU does not rely on these checks, but itself
+checks the bundle's signature, hardware and security version. For a repository on this machine, give its path.
 
 The folder `state` contains the latest metadata. It must survive a restart, because older metadata is refused.
 """
@@ -47,7 +47,7 @@ class FolderFetcher(FetcherInterface):
 
 
 def bin_of(vehicle: str) -> int:
-    """Return the index of the vehicle's part of the fleet. It never changes, so a growing share loses no vehicle."""
+    """Return the index of the vehicle's part of the fleet. It is constant, so a growing share loses no vehicle."""
     return int.from_bytes(hashlib.sha256(vehicle.encode()).digest()[:8], "big") * BINS >> 64
 
 
@@ -57,7 +57,7 @@ def fetch(repository: str, state: Path, root: bytes, *, vehicle: str, hardware: 
     Args:
         repository: URL or path of the repository's folder.
         state: folder for the latest metadata; the first call creates it.
-        root: the root metadata that the vehicle was given at production.
+        root: the root metadata that the vehicle got at production.
         vehicle: identity of the vehicle.
         hardware: name of the ECU's hardware.
         to: directory to write.
@@ -77,7 +77,7 @@ def fetch(repository: str, state: Path, root: bytes, *, vehicle: str, hardware: 
         place = _release_in(Path(updater.download_target(assignment)).read_bytes())
         release = updater.get_targetinfo(place) if place.startswith("releases/") else None
         if release is None:
-            raise StillwakeError(f"{place}: is rolled out and was not published; whoever may roll out may not publish")
+            raise StillwakeError(f"{place}: is rolled out, but was not published by the role `releases`")
         custom = _custom(release)
         if custom.get("hardware") not in (None, hardware):
             raise StillwakeError(f"{place}: is for hardware {custom['hardware']}, this vehicle has {hardware}")
@@ -130,8 +130,8 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("repository", help="URL or folder")
     parser.add_argument("state", type=Path, help="folder that must survive a restart")
     parser.add_argument("--root", type=Path, required=True, help="root metadata from production")
-    parser.add_argument("--vehicle", required=True, help="identity")
-    parser.add_argument("--hardware", default="generic", help="of the ECU")
+    parser.add_argument("--vehicle", required=True, help="identity of the vehicle")
+    parser.add_argument("--hardware", default="generic", help="hardware of the ECU")
     parser.add_argument("--to", type=Path, required=True, help="directory to write the bundle to")
     given = parser.parse_args(arguments)
     bundle = fetch(

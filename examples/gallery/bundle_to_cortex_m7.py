@@ -15,8 +15,8 @@ The core is emulated, and its time is modelled. The last section states the limi
 # From the bundle to C
 # --------------------
 # On the command line, ``stillwake export --c FOLDER`` writes the release's controller and the whole ECU as freestanding
-# C99 without allocation. The folder is written only if the library agrees with the reference computation, and the
-# library's program is that of the signed bundle.
+# C99 without allocation. It writes the folder only if the library agrees with the reference computation and has the
+# same program as the signed bundle.
 
 import tempfile
 from pathlib import Path
@@ -44,8 +44,8 @@ for name in ("sw_control_step.c", "sw_encoder.c", "sw_dynamics.c", "sw_decoder.c
 # -------------
 # The sources are compiled for a bare Cortex-M7 and put into the flash of an emulated core. The core gets recorded
 # pressures, row by row, until the controller's window is full; then it computes one control step. ``expected.txt`` in
-# the folder has the action of the same library on a computer, whose compiler settings round sums differently. With
-# equal settings, core and computer agree to the bit; ``stillwake mcu`` checks every row.
+# the folder has the action that the same library computed on a computer. There, other compiler settings round sums
+# differently. With equal settings, core and computer agree to the bit; ``stillwake mcu`` checks every row.
 
 from firmware_sim.mcu.build import CORTEX_M7, compile_for_cortex_m7, read_elf
 from firmware_sim.mcu.emulator import Machine
@@ -109,7 +109,7 @@ print(f"stack: {stack} B")
 # %%
 # Time
 # ----
-# The runs of each basic block are counted. A model of the core's dual-issue pipeline gives the cycles of each block.
+# The emulator counts how often each basic block runs. A model of the core's dual-issue pipeline gives the cycles.
 # The control period is 20 ms at the default operating point.
 
 from bisect import bisect_right
@@ -138,7 +138,7 @@ print(table)
 # Where it goes
 # -------------
 # A control step encodes the window once. Then each iteration computes the plan's effect with the dynamics, decodes the
-# forces, and computes the gradient of the cost backwards. Blue bars are forward computations, red bars backward.
+# forces, and computes the gradient of the cost backwards. Forward computations are blue, backward ones red.
 
 longest = [(name, count / 480e3) for name, count in cycles.most_common() if count > 0.002 * cycles.total()]
 figure, axis = plt.subplots(figsize=(8, 3.2), layout="constrained")
@@ -157,10 +157,10 @@ plt.show()
 # What this page is not
 # ---------------------
 # Arm publishes no cycle counts of this core. The model is this project's own; nothing was measured on a real core. The
-# model assumes that code, tables and the decoder's weights are in the caches, and all else in tightly coupled memory. A
-# chip without such memory is slower. The number of instructions is exact, and does not depend on data.
+# model assumes that code, tables and the decoder's weights are in the caches, and everything else is in tightly coupled
+# memory. A chip without such memory is slower. The number of instructions is exact, and does not depend on data.
 #
-# This page shows the control step alone. The ECU's protection, fail-safe, sensor check and command gate need more.
+# This page shows only the control step. The ECU's protection, fail-safe, sensor check and command gate need more time.
 # ``stillwake run runs/m7 --ecu mcu`` runs the ECU in the closed loop with its modelled time, and the page
-# :doc:`Integrate the ECU in C </how-to/integrate-the-ecu>` has its memory and worst case. ``stillwake mcu`` prints
-# these figures for any library and compares all recorded rows.
+# :doc:`Integrate the ECU in C </how-to/integrate-the-ecu>` has the ECU's memory and longest time. ``stillwake mcu``
+# prints these figures for any library and compares all recorded rows.

@@ -4,7 +4,7 @@ Differentiate the flow
 
 For flow-control engineers who need the gradient of drag: how drag changes with each earlier action of the jets, and
 with the flow at the start of a time window. At the end you can compute both gradients of any function of sensors and
-forces. They are exact except for rounding, and cost about three runs for any number of actions.
+forces. The gradients are exact except for rounding, and cost about three runs for any number of actions.
 
 The flow is computed while this page is built, on a coarse mesh and for a short time.
 """
@@ -42,7 +42,7 @@ print(f"{PERIODS} periods, {tape.memory_mb:.0f} MB kept, mean drag {drag.mean():
 # -------
 # The function is the mean wall drag of the window, so ``Cd`` of each period has the weight 1 / 40. Weights may also
 # apply to other values of the sample, differ between periods, or come from a controller that reads the sensors. Each
-# call goes back by one period and returns the derivative with respect to this period's action.
+# call of ``back`` goes back by one period, and returns the derivative with respect to the action of this period.
 
 weights = replace(no_weights(len(plant.layout)), Cd=1.0 / PERIODS)
 slopes = np.array([tape.back(weights) for _ in range(PERIODS)])[::-1]
@@ -74,7 +74,7 @@ for largest in (0.001, 0.01, 0.04):
 # -----------------------
 # The derivative oscillates with the shedding: a few periods later, the same action has the opposite effect. The map is
 # the derivative of mean drag with respect to the initial streamwise velocity, per area. A higher velocity in a red
-# place would have raised the drag of the next 8 :math:`t_c`; in a blue place, lowered it.
+# place would have raised the drag of the next 8 :math:`t_c`; in a blue place it would have lowered this drag.
 
 figure, (over_time, in_space) = plt.subplots(2, 1, figsize=(8, 6.5), height_ratios=(1, 1.3), layout="constrained")
 over_time.plot(t - t[0], slopes, color="tab:blue", marker=".")

@@ -4,7 +4,7 @@ What a fault does to the loop
 
 For validation engineers who want to see how the ECU reacts to a dead sensor and to lost frames, before they read the
 table of its states. At the end you have run the closed loop without and with faults, and can replace these faults by
-any others.
+other faults.
 
 The flow is computed while this page is built, on a mesh coarser than the default mesh, and for a short time. The last
 section states the consequences.
@@ -13,8 +13,8 @@ section states the consequences.
 # %%
 # The release, the vehicle and the wake
 # -------------------------------------
-# The simulated ECU runs the shipped release. The mesh has the refinement 0.75: it is coarser than the default mesh, but
-# the controller has the same benefit on it. The shipped wake is interpolated to this mesh, and runs without control
+# The simulated ECU runs the shipped release. The mesh has the refinement 0.75. It is coarser than the default mesh, but
+# the controller has the same benefit. The shipped wake is interpolated to this mesh, and runs without control
 # until the effects of the interpolation have decayed.
 
 import matplotlib.pyplot as plt
@@ -38,7 +38,7 @@ print(wake.description)
 # %%
 # Two runs
 # --------
-# A run depends only on release, settings, start and disturbances. It is in virtual time, so it is equal on any machine.
+# A run is in virtual time, and depends only on release, settings, start and disturbances. All machines get equal runs.
 # Every 20 ms the vehicle sends the pressures over a simulated CAN FD bus, the ECU answers with a command and its
 # status, and the jets follow. Control is requested from 1.3 s on. Each disturbance is a line of text with times in s:
 #
@@ -75,7 +75,7 @@ faulty, statuses = run(FAULTS)
 # %%
 # What happened
 # -------------
-# The strip shows the ECU's state in the run with faults. Until the first fault both runs are equal.
+# The strip at the top shows the ECU's state in the run with faults. Until the first fault both runs are equal.
 
 from matplotlib.patches import Patch
 
@@ -137,9 +137,9 @@ print(f"sensor set aside: {'never' if noticed is None else f'at {noticed:.2f} s,
 # What the ECU did
 # ----------------
 # - **The dead sensor.** The ECU estimates each pressure from the others, and excludes a sensor that contradicts them:
-#   the controller gets the estimate instead, and continues. ``EcuStatus`` names the sensor. The state stays CONTROL.
-# - **The lost frames.** After one missing frame the ECU holds the last command (HOLD). After two or three in a row it
-#   halves the command in each period (DECAY). After four in a row, or too many in a second, it shuts the jets (FAULT).
+#   the controller gets the estimate instead, and continues. ``EcuStatus`` names this sensor. The state stays CONTROL.
+# - **The lost frames.** The ECU holds the last command after one missing frame (HOLD), and halves the command in each
+#   period after two or three (DECAY). After four in a row, or too many in a second, it shuts the jets (FAULT).
 # - **The latched fault.** Good frames alone do not end FAULT: the vehicle must withdraw its request and then request
 #   control again. The drag returns to its value without control, but this takes longer than the plots show.
 #
@@ -149,5 +149,5 @@ print(f"sensor set aside: {'never' if noticed is None else f'at {noticed:.2f} s,
 # decrease, so this drag is not the release's figure; ``stillwake run runs/demo`` gives that figure.
 # ``stillwake run runs/dead --disturb dead:sensor=base_9@10..`` runs one fault on the default mesh and writes a report.
 # ``stillwake campaign`` runs all faults from several starts, and judges them by limits that you set. The page
-# :doc:`Disturbances of a run </reference/disturbances>` lists all kinds, and :doc:`States of the ECU
+# :doc:`Disturbances of a run </reference/disturbances>` lists all disturbances, and :doc:`States of the ECU
 # </reference/states>` has the table that the ECU follows.

@@ -3,8 +3,8 @@ From a recording to sensors
 ===========================
 
 For flow-control engineers who have a recording of wall pressures and must choose a few sensors for a controller. At the
-end you have ranked the truck's 90 sensors in two ways, seen the positions of the best sensors, and know which calls to
-change to rank your own sensors.
+end you have ranked the truck's 90 sensors in two ways and seen the positions of the best sensors. You know which calls
+to change to rank your own sensors.
 
 This page uses the shipped model and few windows, so that it is built in half a minute. The last section explains the
 full procedure.
@@ -71,8 +71,8 @@ print(f"in the held-out episode: R2 of drag {accuracy.drag.r2:.3f}, of lift {acc
 # %%
 # Ranked by SHAP
 # --------------
-# The paper ranks sensors by their contribution to the latents: the mean absolute SHAP value over windows drawn at
-# random. Several draws show how much the ranking depends on the draw.
+# The paper ranks sensors by their contribution to the latents: the mean absolute SHAP value over random windows. The
+# ranking is repeated with other random windows, to show how much it depends on them.
 
 from train.selection.shap_ranking import ShapRanker, rank
 
@@ -97,8 +97,8 @@ print(f"four by QR pivoting: {', '.join(by_qr)}")
 # Where they are on the truck
 # ---------------------------
 # The flow comes from the left; the jets are at the two edges of the base. The colour shows each sensor's SHAP score;
-# the rings mark the choices. A third method, forward selection under noise, chose the four sensors of the shipped
-# release.
+# the rings mark the chosen sensors. A third method, forward selection under noise, chose the shipped release's four
+# sensors.
 
 from contract.config.body import TRUCK_BODY
 from wake.pictures.drawing import outline
@@ -124,9 +124,9 @@ plt.show()
 # What each choice is worth
 # -------------------------
 # A controller reads only the chosen sensors, so a choice is judged by how well they determine the latents. A ridge
-# regression replaces a trained encoder. Its error is the share of the latents' variance that the regression does
+# regression replaces a trained encoder. The error is the share of the latents' variance that the regression does
 # not explain. The sensors have noise of 5 % of the pressures' deviation, as in the release's training. Without noise a
-# sensor near the front, with its small signal, would be as good as a sensor on the base.
+# sensor near the front, where the signal is small, would be as good as a sensor on the base.
 
 from train.selection.methods import ridge_student, select_greedy
 
@@ -147,8 +147,8 @@ for name, chosen in choices.items():
 #
 # - It trains the model on all training episodes.
 # - With ``--set train.selection=shap`` it draws 100 background and 500 explained windows ten times. Even then only the
-#   best two sensors are equal in all draws, and another seed of the training ranks other sensors first: neighbours have
-#   the same signal, and the model's weights decide by chance which of them gets a high SHAP value.
+#   best two sensors are equal each time, and training with another seed ranks other sensors first: neighbours have the
+#   same signal, and the model's weights decide by chance which neighbour gets a high SHAP value.
 # - A slim encoder is trained on the four sensors, tested on other data, exported, and run in the closed loop. In the
 #   closed loop the methods differ less than in any table of errors.
 #

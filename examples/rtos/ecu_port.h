@@ -5,16 +5,16 @@
 
 #include "sw_ecu.h"
 
-/* Number of frames that are stored between two steps. A period has one frame of pressures and one of the speed. */
+/* Number of frames that are stored between two steps. Each period has a frame of pressures and a frame of the speed. */
 #define ROOM 16
 
-/* Identifiers of the frames that the ECU needs; on a busy bus, other frames would fill the buffer. */
+/* Identifiers of the frames that the ECU needs. On a busy bus, other frames would fill the buffer. */
 #define HEARD {SW_PRESSURE_ID, SW_SPEED_ID, SW_COMMAND_ID, SW_STATUS_ID}
 
 /* Runs the ECU; never returns. */
 void controller_task(void);
 
-/* Returns the time of a clock that nobody sets; tasks and interrupts must use one clock. */
+/* Returns the time of a clock that is never set. Tasks and interrupts must use the same clock. */
 int64_t clock_ns(void);
 
 void sleep_until(int64_t due_ns);
@@ -29,11 +29,11 @@ void send_frame(const sw_frame *frame);
 void note_health(sw_bus_health *health);
 
 #if SW_SECOC
-/* Counts this power cycle in non-volatile memory, and reads the key and the freshness values. Returns 0, or 1 if they
- * cannot be read. */
+/* Counts this power cycle in non-volatile memory, and reads the key and the freshness values. Returns 0, or 1 on
+ * failure. */
 int read_authentication(sw_authentication *given);
 
-/* Stores the receivers' newest freshness values, as often as wear of the non-volatile memory permits. */
+/* Stores the receivers' newest freshness values, as often as the non-volatile memory's wear permits. */
 void keep_freshness(const sw_ecu_state *state);
 #endif
 

@@ -1,12 +1,12 @@
 /* The ECU as a task, for any system that provides the functions of ecu_port.h.
  *
- * Deadlines are absolute, so that delays do not add up. They follow the pressures slowly, because the vehicle's clock
- * and this clock drift apart. A step that would begin more than a quarter of a period late is skipped; the ECU detects
- * the skipped period by its clock and counts it. */
+ * Deadlines are absolute, so that delays do not add up. They slowly follow the pressures' arrival times, because the
+ * clocks of the vehicle and the ECU drift apart. A step that would begin more than a quarter of a period late is
+ * skipped. The next step detects and counts the skipped period. */
 
 #include "ecu_port.h"
 
-#define GRACE 4         /* a step that would begin later than a period / GRACE is skipped */
+#define GRACE 4         /* a step that would begin more than a period / GRACE late is skipped */
 #define LARGEST_SLEW 32 /* a deadline moves by at most a period / LARGEST_SLEW */
 
 static sw_ecu ecu; /* the ECU has no other memory */
@@ -29,7 +29,7 @@ static int64_t next_due(int64_t due_ns, int64_t arrived_ns)
 void controller_task(void)
 {
     int64_t due_ns = clock_ns() + SW_PERIOD_NS;
-    (void)sw_ecu_init(&ecu); /* if it refuses, the jets stay shut, and EcuStatus has the reason */
+    (void)sw_ecu_init(&ecu); /* if this call fails, the jets stay shut, and EcuStatus has the reason */
 #if SW_SECOC
     sw_authentication given = {{0}, 0, 0, 0};
     if (read_authentication(&given) == 0) (void)sw_ecu_authenticate(&ecu, &given); /* without a key nothing is sent */

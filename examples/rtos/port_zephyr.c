@@ -37,7 +37,7 @@ int take_frames(sw_frame *taken, int room)
     return count;
 }
 
-/* A callback that does nothing. Without a callback, can_send would wait for the end of the frame. */
+/* A callback that does nothing. Without a callback, can_send would wait until the frame is sent. */
 static void sent(const struct device *device, int error, void *unused) { (void)device, (void)error, (void)unused; }
 
 void send_frame(const sw_frame *frame)

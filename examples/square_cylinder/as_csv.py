@@ -50,7 +50,7 @@ def _write(path: Path, heads: Sequence[str], rows: Iterable[Sequence[object]]) -
 def main(recording: Path, folder: Path) -> None:
     """Write the files of one recording."""
     episodes = read(recording).episodes
-    # An old recording that states no body is of the truck.
+    # A recording that states no body is old, and its body is the truck.
     layout = layout_of(BodyConfig(**episodes[0].provenance.get("body", {})))
     folder.mkdir(parents=True, exist_ok=True)
     write_sensors(folder / "sensors.csv", layout)

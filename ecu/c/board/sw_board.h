@@ -1,6 +1,6 @@
 /* The properties of this board: addresses of registers, clocks, bit timing, sectors. For another board with the same
  * kinds of peripherals, change only this file and the memories in sw_board.ld. The addresses are for an STM32H743
- * (RM0433); only the counter's address is defined by Arm (CNTReadBase). The board's maker implements
+ * (RM0433), except the address of the counter, which Arm defines (CNTReadBase). The board's maker implements
  * sw_board_power_on, which sets up the clock tree and the pins.
  */
 #ifndef SW_BOARD_H
@@ -37,8 +37,8 @@
 
 #define SW_BOARD_REGISTER(address) (*(volatile uint32_t *)(uintptr_t)(address))
 
-/* Feeds a watchdog; does nothing on the emulated board. The program calls this function after the start-up, which may
- * erase a sector, and then in each pass of its loop, at least every one and a half control periods.
+/* Feeds a watchdog; does nothing on the emulated board. The program first calls this function after the start-up, which
+ * may erase a sector. It then calls the function at least every one and a half control periods.
  */
 void sw_board_alive(void);
 
@@ -51,7 +51,7 @@ void sw_board_sleep(int64_t until_ns);
 /* The driver of the flash's second bank. */
 extern const sw_flash sw_board_flash;
 
-/* Returns 32 random bits; all may be 0. If the generator failed, *failed becomes 1 and the bits are invalid. */
+/* Returns 32 random bits, which may all be 0. If the generator failed, sets *failed to 1; the bits are then invalid. */
 uint32_t sw_board_random(uint8_t *failed);
 
 /* Resets the microcontroller; does not return. */
@@ -59,16 +59,16 @@ void sw_board_reset(void);
 
 #define SW_BOARD_EXTENDED 0x80000000u /* marks a 29-bit identifier */
 
-/* Starts the reception of frames with these identifiers; frames with other identifiers are discarded. */
+/* Starts to receive frames with these identifiers. The CAN controller discards all other frames. */
 void sw_board_can_start(const uint32_t *ids, uint32_t count);
 
 /* Copies the received frames, oldest first, at most `room` frames; returns the number of copied frames. */
 int sw_board_can_receive(sw_frame *frames, int room);
 
-/* Hands a control frame to the CAN controller, in its transmit buffer number `place`. Of the frames in the buffers, the
- * frame with the lowest identifier is sent first. An older frame that is still in this buffer is outdated and is
- * cancelled. Returns 1 if the controller is bus-off or is already sending the older frame: the new frame is then lost.
- * sw_board_lost counts lost and cancelled frames.
+/* Writes a control frame to transmit buffer number `place` of the CAN controller, which sends the buffers' frames in
+ * the order of their identifiers. An older frame in this buffer is outdated and is cancelled. Returns 1, and the new
+ * frame is lost, if the controller is bus-off or is already sending the older frame. sw_board_lost counts lost and
+ * cancelled frames.
  */
 int sw_board_can_send(const sw_frame *frame, uint32_t place);
 extern volatile uint32_t sw_board_lost;

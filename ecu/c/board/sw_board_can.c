@@ -161,7 +161,7 @@ volatile uint32_t sw_board_lost;
 
 int sw_board_can_send(const sw_frame *frame, uint32_t place)
 {
-    /* Frames that wait while the controller is bus-off would be outdated when sent, so they are cancelled. */
+    /* Frames that wait while the controller is bus-off would be sent too late, so they are cancelled. */
     const int off = is_off();
     const uint32_t mine = UINT32_C(1) << place, old = CAN(TXBRP) & (off ? UINT32_MAX : mine);
     if (old != 0u) CAN(TXBCR) = old;
@@ -184,7 +184,7 @@ int sw_board_can_is_idle(void) { return CAN(TXBRP) == 0u || is_off(); }
 void sw_board_can_health(sw_bus_health *health)
 {
     /* A bus-off sets INIT. Clearing INIT begins the recovery, which lasts 128 times eleven recessive bits. The loop
-     * finds further bus-offs in IR, because INIT belongs to another clock domain and changes late.
+     * looks for further bus-offs in IR, since INIT, in another clock domain, changes late.
      */
     for (uint32_t i = 0; i < MOST_BUS_OFFS && (CAN(IR) & IR_BUS_OFF) != 0u; i++) {
         CAN(IR) = IR_BUS_OFF;

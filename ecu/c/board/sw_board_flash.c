@@ -1,6 +1,6 @@
 /* A driver of the STM32H743's flash controller (RM0433, section 4): sectors of 128 KiB, words of 32 bytes. The driver
- * writes the bank that does not contain the program, so that the core continues to run. The core stalls only if it
- * reads that bank during an erasure. The data cache, if enabled, must not hold data of that bank.
+ * writes only the second bank. The program is in the first bank, so the core continues to run during a write. The core
+ * stalls only if it reads the second bank during an erasure. The data cache must not hold data of the second bank.
  */
 #include <stddef.h>
 
@@ -87,7 +87,7 @@ static int program(void *context, uint32_t address, const uint8_t *word)
     return end();
 }
 
-/* Reads bytes. Uncorrectable words cause bus faults; the core ignores these while FAULTMASK and BFHFNMIGN are set. */
+/* Reads bytes. A word with an uncorrectable error causes a bus fault, which FAULTMASK and BFHFNMIGN suppress. */
 static int read(void *context, uint32_t address, uint8_t *data, uint32_t length)
 {
     const uint32_t size = SW_FLASH_SECTOR * SW_BOARD_FLASH_SECTORS;

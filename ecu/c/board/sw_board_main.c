@@ -1,5 +1,5 @@
-/* The program: it reads frames, steps the ECU once a control period, answers diagnosis and sleeps. A step begins
- * when the pressures arrive. If they do not arrive, the step begins half a period after they were due.
+/* The program: it reads frames, steps the ECU once a control period, answers diagnosis and sleeps. A step begins when
+ * the pressures arrive. If no pressures arrive, it begins half a period after they were due.
  */
 #include "sw_board.h"
 #include "sw_board_equipment.h"
@@ -23,12 +23,12 @@ typedef struct {
 
 #if SW_BOARD_LOADER
 
-#define SERVICE_NS INT64_C(1000000)  /* time between two checks for a timeout of a diagnostic conversation, in ns */
+#define SERVICE_NS INT64_C(1000000)  /* time between two checks for timeouts of diagnosis, in ns */
 #define TALKS_NS INT64_C(5000000000) /* time for which these checks continue after a diagnostic frame, in ns */
 
 static sw_node node;
 static uint8_t message[SW_ISOTP_MOST];
-/* The release runs in RAM: its bank of the flash cannot be read while a sector of the bank is erased. */
+/* The release runs from this copy in RAM, because the core cannot read the release's flash bank during an erasure. */
 static uint8_t image[SW_IMAGE_HEADER + sizeof(sw_payload)] __attribute__((aligned(64)));
 static int64_t talks_until_ns;
 
@@ -143,7 +143,7 @@ static void receive(sw_board_period *period)
     }
 }
 
-/* Removes the diagnostic frames among the frames from number `first` on: control does not use them. */
+/* Removes the diagnostic frames from the frames with number `first` and higher: control does not use them. */
 static void drop_requests(sw_board_period *period, int first)
 {
     int kept = first;
@@ -153,7 +153,7 @@ static void drop_requests(sw_board_period *period, int first)
     period->count = kept;
 }
 
-/* Returns whether a step is due. Pressures that arrive twice in a period do not cause two steps. */
+/* Returns whether a step is due. A second frame of pressures in a period does not cause a second step. */
 static int is_due(const sw_board_period *period, int64_t now_ns)
 {
     return now_ns >= period->deadline_ns ||

@@ -2,11 +2,11 @@
  * board for sale must read the key from memory that no debugger can read.
  *
  * Freshness values are in the backup SRAM. It survives a reset and, while a battery supplies VBAT, a loss of the
- * supply. The SRAM does not wear, so every accepted value is stored. If its content is lost, the ECU counts power
- * cycles from 1, like a new ECU. The other node then refuses every frame, so the loss is safe. For a board without a
- * battery, change this file to use FRAM or a log in flash.
+ * supply. The SRAM does not wear, so every accepted value is stored. If the SRAM loses its content, the ECU counts
+ * power cycles from 1, like a new ECU. The other node then refuses every frame, so the jets stay shut. For a board
+ * without a battery, change this file to use FRAM or a log in flash.
  *
- * There are two records. They are written in turn, so that an interrupted write leaves the other record intact.
+ * There are two records. The program writes them in turn, so that an interrupted write leaves the other record intact.
  */
 #include "sw_board.h"
 
@@ -28,7 +28,7 @@ static volatile uint32_t *record(uint32_t which)
     return &((volatile uint32_t *)(uintptr_t)SW_BOARD_BACKUP)[WORDS * which];
 }
 
-/* Computes the FNV-1a check over words, not bytes. The check is never 0, because 0 marks an empty record. */
+/* Computes the FNV-1a hash over words, not bytes. The result is never 0, because 0 marks an empty record. */
 static uint32_t check_of(const volatile uint32_t *words)
 {
     uint32_t sum = BASIS;

@@ -12,7 +12,7 @@ void *memset(void *to, int value, size_t count);
 extern unsigned char sw_board_data[], sw_board_data_end[], sw_board_data_load[], sw_board_bss[], sw_board_bss_end[],
     sw_board_stack_top[];
 
-/* Starts the program. The floating-point unit is off after a reset; it must be on before a function can use it. */
+/* Starts the program. A reset switches off the floating-point unit, which must be on before a function can use it. */
 void sw_board_start(void)
 {
     __asm__ volatile("cpsid i" ::: "memory");

@@ -30,9 +30,9 @@
 #include "sw_ecu.h"
 
 #define ROOM 64              /* largest number of frames read per period; further frames wait in the socket */
-#define GRACE 4              /* a step is skipped if it would begin late by more than a period divided by this number */
-#define LARGEST_SLEW 32      /* a deadline moves by at most a period divided by this number */
-#define SHUT_PERIODS 3       /* number of periods at the end in which commands shut the jets: a frame may be lost */
+#define GRACE 4              /* a step that would begin more than a period / GRACE late is skipped */
+#define LARGEST_SLEW 32      /* a deadline moves by at most a period / LARGEST_SLEW */
+#define SHUT_PERIODS 3       /* number of last commands, which shut the jets; more than one, as a frame may be lost */
 #define SECOND INT64_C(1000000000)
 
 static sw_ecu ecu;
@@ -161,7 +161,7 @@ static int receive(int bus)
     return count;
 }
 
-/* Sends frames without waiting; a full queue drops them. Returns -1 if the interface fails. */
+/* Sends frames without waiting; drops frames if the queue is full. Returns -1 if the interface fails. */
 static int send_frames(int bus, const sw_frame *frames, int count)
 {
     for (int i = 0; i < count; i++) {
@@ -188,7 +188,7 @@ static int64_t used_arrival_ns(int count, uint32_t missed_before)
     return found;
 }
 
-/* Returns the next deadline that can be met. It moves slightly towards a fixed time after the pressures' arrival. */
+/* Returns the next deadline that can be met, moved slightly towards a fixed time after the pressures' arrival. */
 static int64_t next_due(int64_t due_ns, int64_t arrived_ns)
 {
     const int64_t late_ns = clock_ns(CLOCK_MONOTONIC) - due_ns - SW_PERIOD_NS / GRACE;
@@ -247,9 +247,9 @@ static int keep_freshness(unsigned long trip, unsigned long long pressure, unsig
     return failed || rename(beside, freshness_file) != 0 ? -1 : 0;
 }
 
-/* Counts a power cycle, then gives the ECU its key. If the freshness file is missing, cycles count from 1 again, and
- * the vehicle refuses all frames. The program stores accepted values only at its end. After a crash, frames of the
- * previous cycle can therefore be replayed until the first genuine frame arrives.
+/* Counts a power cycle, then gives the ECU its key. If the freshness file is missing, the count restarts at 1, and the
+ * vehicle refuses all frames. The program stores the accepted freshness values only when it ends. After a crash, frames
+ * of the previous cycle can therefore be replayed until the first genuine frame arrives.
  */
 static int authenticate(const char *key_file)
 {
@@ -280,7 +280,7 @@ static int keep_accepted(void)
 
 #endif
 
-/* Sends the last frames: jets shut and not enabled, as at power-on, but the counters continue. */
+/* Sends the last frames. They shut and disable the jets, as at power-on, but continue the counters. */
 static int shut(int bus, int64_t due_ns)
 {
     sw_frame answers[SW_FRAMES_OUT];

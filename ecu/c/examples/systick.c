@@ -8,7 +8,7 @@
  * The program simulates the vehicle with the frames of the generated pressures.h. The request for control begins low,
  * since the ECU ignores a request that is present from the start. The program prints each JetCommand, then a summary,
  * and ends. On a vehicle, a CAN driver replaces `vehicle` and the printing. The interrupt only counts periods. The step
- * runs in the main loop, so that it does not delay other interrupts, above all those of the CAN controller.
+ * runs in the main loop, so that it does not delay other interrupts, such as the CAN controller's interrupts.
  */
 #include "pressures.h"
 #include "sw_board_start.h"
@@ -90,8 +90,8 @@ static void start_clock(void)
     SYSTICK_CONTROL = 7; /* clock source: the core; interrupt and counter on */
 }
 
-/* Waits for a new period and returns its number. Interrupts are masked from the check until the sleep. An interrupt
- * between check and sleep would otherwise be missed; a masked interrupt stays pending and ends the sleep.
+/* Waits for a new period and returns its number. Interrupts are masked between the check and the sleep. Otherwise an
+ * interrupt between them would be missed. A masked interrupt stays pending and ends the sleep.
  */
 static uint32_t next_period(uint32_t done)
 {
@@ -115,7 +115,7 @@ static void send(sw_frame *frame, uint32_t period, uint32_t id, const uint8_t *d
     for (int i = 0; i < length; i++) frame->data[i] = data[i];
 }
 
-/* Writes the frames of a period, counted from 1: pressures, and speed if the release needs it; returns their number. */
+/* Writes the frames of period 1, 2, ..: pressures, and speed if the release needs it. Returns the number of frames. */
 static int vehicle(sw_frame frames[SENT], uint32_t period)
 {
     int count = 1;
@@ -154,7 +154,7 @@ void sw_board_power_on(void) {}
 void sw_board_main(void)
 {
     figures seen = {0, 0, 0, 0};
-    (void)sw_ecu_init(&ecu); /* if init refuses, the summary shows its reason */
+    (void)sw_ecu_init(&ecu); /* if this call fails, the summary shows the reason */
 #if SW_SECOC
     /* Only an example: on a vehicle no debugger may read the key, and non-volatile memory counts the power cycles. */
     const sw_authentication given = {PLAYED_KEY, 1, 0, 0};

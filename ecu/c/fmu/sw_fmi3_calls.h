@@ -27,7 +27,7 @@ static inline fmi3Status fmu_refused(const fmu_logger *to, fmi3String why)
     return fmi3Error;
 }
 
-/* The first lines of a function of FMI: they refuse the call without an instance `found`, or in a mode not in MODES. */
+/* The first lines of a function of FMI: they refuse the call if `found` is NULL, or if its mode is not in MODES. */
 #define FMU_ONLY_IN(MODES, NAME, WHEN)                                                                        \
     if (found == NULL) return fmi3Error;                                                                      \
     if ((found->kept.mode & (uint32_t)(MODES)) == 0u) return fmu_refused(&found->logger, "fmi3" NAME ": only " WHEN)

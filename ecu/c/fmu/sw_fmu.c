@@ -1,9 +1,9 @@
 /* The ECU as an FMU for co-simulation, FMI 3.0.
  *
- * The FMU contains the ECU of sw_ecu.h, unchanged. The ECU receives only frames. They come from a bus terminal, or
- * from a simulated vehicle inside the FMU. In the second case the FMU's inputs are the vehicle's pressures and speed.
- * With a simulated vehicle the ECU steps at start, start + period, and so on, with the inputs at the time of the step.
- * A communication step of any length includes the ECU's steps that begin in it.
+ * The FMU contains the ECU of sw_ecu.h, unchanged. The ECU receives only frames. The frames come from a bus terminal,
+ * or from a simulated vehicle inside the FMU. With the simulated vehicle, the FMU's inputs are pressures and speed, and
+ * the ECU steps at start, start + period, and so on, with the inputs at the time of the step. A communication step of
+ * any length includes the ECU's steps that begin in it.
  *
  * This file is for a computer, not a vehicle: the standard requires an FMU to allocate its instances and saved states.
  */

@@ -1,6 +1,6 @@
-/* The parts of the ECU's FMU: instances, variables and states (sw_fmu.c), and a side, which connects the ECU. The side
- * is a simulated vehicle whose inputs are signals (signals/sw_fmu_signals.c), or a bus terminal as in FMI-LS-BUS
- * (bus/sw_fmu_bus.c).
+/* The parts of the ECU's FMU: instances, variables and states (sw_fmu.c), and a "side", which sends frames to the ECU
+ * and receives its frames. The side is a simulated vehicle whose inputs are signals (signals/sw_fmu_signals.c), or a
+ * bus terminal as in FMI-LS-BUS (bus/sw_fmu_bus.c).
  */
 #ifndef SW_FMU_H
 #define SW_FMU_H
@@ -39,7 +39,7 @@ typedef struct {
     int64_t reached_ns;
     int64_t off_until_ns;
     int64_t answer_ns; /* time at which `answers` are to be sent */
-    int32_t waiting;   /* number of answers that are not in `tx` yet; sent answers stay stored for a repetition */
+    int32_t waiting;   /* number of answers not in `tx` yet; sent answers stay stored, so that they can be repeated */
     int32_t received;
     uint8_t status; /* status last reported to the bus simulation */
     uint8_t has_lost;
@@ -61,7 +61,7 @@ typedef struct {
 
 /* The wrapper's memory; the ECU has a separate memory. */
 typedef struct {
-    double values[SW_FMU_VARIABLES]; /* values of the variables, by value reference; reference 0 is the time */
+    double values[SW_FMU_VARIABLES]; /* variables by value reference; reference 0 is the time */
     double start;
     int64_t next_ns; /* time from the start to the ECU's next step, in ns */
     uint32_t mode;   /* mode in FMI's state machine */

@@ -24,14 +24,14 @@ typedef struct {
     uint8_t unlocked; /* unlocked security level; 0 if none is unlocked */
     uint8_t asked;    /* level of the latest seed; 0 if there is no seed */
     uint8_t seed[SW_SEED_BYTES];
-    uint8_t is_closed[SW_LEVELS]; /* whether a delay is running, for each level */
+    uint8_t is_closed[SW_LEVELS]; /* whether each level's delay is running */
     int64_t closed_until_ns[SW_LEVELS];
 } sw_access;
 
-/* Restarts the delay of a level that had too many wrong attempts before power-on. */
+/* Restarts the delay of each level that had too many wrong attempts before power-on. */
 void sw_access_power_on(sw_access *access, const sw_store *store, int64_t now_ns);
 
-/* Locks every level, at the end of a session. */
+/* Locks every level. Called at the end of a session. */
 void sw_access_lock(sw_access *access);
 
 /* Writes a new seed, or zeros if the level is unlocked already. Returns 0 or the SW_NRC_ of the refusal. */
@@ -39,7 +39,7 @@ uint8_t sw_access_seed(sw_access *access, int64_t now_ns, uint8_t level, sw_rand
                        uint8_t seed[SW_SEED_BYTES]);
 
 #if SW_XCP
-/* Computes the answer that unlocks a level after a seed of `length` bytes, with the key shared with the tool. */
+/* Computes the answer to a level's seed of `length` bytes. The ECU and the tool share the key. */
 void sw_access_answer(uint8_t level, const uint8_t key[SW_AES_BYTES], const uint8_t *seed, uint32_t length,
                       uint8_t answer[SW_ANSWER_BYTES]);
 #endif

@@ -35,7 +35,7 @@ static void put_in_force(sw_calibrating *calibrating)
 #endif
 }
 
-/* Changes the working page if all values are within their limits. Returns whether they are within their limits. */
+/* Changes the working page if all values are within their limits. Returns whether the page was changed. */
 static int change(sw_calibrating *calibrating, const uint8_t *value)
 {
     sw_calibration values;
@@ -88,7 +88,7 @@ uint8_t sw_calibrating_read(const sw_calibrating *calibrating, uint32_t number, 
     return 0;
 }
 
-/* Stores `length` bytes of these values; length 0 deletes the stored values. This may take longer than a period. */
+/* Stores `length` bytes of these values; length 0 deletes the stored values. A call may take longer than a period. */
 static uint8_t keep(sw_calibrating *calibrating, const sw_calibration *values, uint32_t length)
 {
     if (calibrating->request->drives_jets) return SW_NRC_CONDITIONS_NOT_CORRECT;

@@ -21,8 +21,8 @@ typedef struct {
     sw_calibration release; /* the release's own values */
 #if SW_XCP
     uint8_t page;     /* page in force: SW_PAGE_ */
-    uint8_t begun_at; /* offset of the value that is partly written, in bytes */
-    uint8_t begun;    /* number of written bytes of that value */
+    uint8_t begun_at; /* offset in bytes of the partly written value */
+    uint8_t begun;    /* number of its bytes that are written so far */
     uint8_t begun_bytes[sizeof(float)];
 #endif
 } sw_calibrating;
@@ -30,7 +30,7 @@ typedef struct {
 /* Puts the stored values in force instead of the release's values, if the stored values are within their limits. */
 void sw_calibrating_restore(sw_calibrating *calibrating);
 
-/* Passes the values in force to the ECU if they have changed. It is called at the beginning of a control period. */
+/* Passes the values in force to the ECU if they have changed. Call it at the beginning of a control period. */
 void sw_calibrating_hand_over(sw_calibrating *calibrating);
 
 /* Read or write the value of an identifier. Both functions return 0 or the SW_NRC_ of the refusal. */
@@ -53,9 +53,9 @@ void sw_calibrating_copy_release(sw_calibrating *calibrating);
 /* Copies `length` bytes of a page from the valid offset `at` on, including the bytes of a partly written value. */
 void sw_calibrating_bytes(const sw_calibrating *calibrating, uint8_t page, uint32_t at, uint32_t length, uint8_t *bytes);
 
-/* Writes up to SW_XCP_MAX_CTO - 2 bytes of the working page, in order: `at` is the beginning of a value, or the end of
- * the last write. The bytes of a partly written value wait for the value's remaining bytes; a write at any other offset
- * discards the waiting bytes. Returns whether the write succeeded; if not, the values are unchanged.
+/* Writes up to SW_XCP_MAX_CTO - 2 bytes of the working page at the offset `at`, the beginning of a value or the end of
+ * the last write. The first bytes of a value wait for the remaining bytes; a write at another offset discards the
+ * waiting bytes. Returns whether the write succeeded; if not, the values are unchanged.
  */
 int sw_calibrating_write_bytes(sw_calibrating *calibrating, uint32_t at, const uint8_t *data, uint32_t length);
 

@@ -1,4 +1,4 @@
-/* The measurement list of DAQ (its allocation, entries and start), and the packets of a period. */
+/* The measurement list of DAQ (allocation, entries and start of the list), and the packets of a period. */
 #include "sw_daq.h"
 
 #if SW_XCP
@@ -134,7 +134,7 @@ static uint8_t set_pointer(sw_daq *daq, const uint8_t *data)
     return SW_XCP_DONE;
 }
 
-/* Returns the total length in bytes of the ODT's entries, without the entry at the tool's pointer. */
+/* Returns the total length in bytes of all entries of the ODT except the entry at the tool's pointer. */
 static uint32_t beside(const sw_daq *daq)
 {
     uint32_t bytes = 0;

@@ -1,8 +1,8 @@
 /* The measurement by XCP (DAQ), with one dynamic list and one event, the end of a control period. This file corresponds
  * to can_bridge/calibration/daq.py.
  *
- * If a control period ends before all frames of an earlier period are sent, the new period is not measured, so that
- * frames of two periods are never mixed.
+ * If a control period ends before all frames of an earlier period are sent, the new period is not measured. Frames of
+ * two periods are therefore never mixed.
  */
 #ifndef SW_DAQ_H
 #define SW_DAQ_H
@@ -17,12 +17,12 @@
 
 /* The values of a control period that a tool can read or measure, in their memory layout: little-endian. */
 typedef struct {
-    float pressures[SW_SENSORS]; /* Cp in the row from which the controller planned */
+    float pressures[SW_SENSORS]; /* Cp in the newest row of the controller's window */
     float command;               /* sent action, in U_inf W */
     uint8_t mode;                /* SW_MODE_ */
     uint8_t reason;              /* SW_REASON_ */
     uint8_t gated;               /* SW_GATED_ bits */
-    int8_t correction;           /* speed in use above the speed on the bus, in thousandths */
+    int8_t correction;           /* (speed in use / speed on the bus - 1) * 1000 */
     sw_calibration calibration; /* values in force in this period */
 } sw_measured;
 

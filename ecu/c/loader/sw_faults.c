@@ -24,7 +24,7 @@
 
 #define CODE_BYTES 3u
 #define ALL_GROUPS 0xffffffu
-#define RECORD 0x01u /* number of the only snapshot of a code, and of its only extended record */
+#define RECORD 0x01u /* number of a code's only snapshot, and of the code's only extended record */
 #define ALL_RECORDS 0xffu
 #define ON 1u
 #define OFF 2u
@@ -82,7 +82,7 @@ static void packed(const sw_faults *faults, uint8_t record[RECORD_BYTES])
     for (uint32_t i = 0; i < SW_FAULT_COUNT; i++) {
         const sw_fault *fault = &faults->faults[i];
         uint8_t *at = &record[MAGIC + i * FAULT_BYTES];
-        /* The next power-on changes the following bits in any case, so they are not stored. */
+        /* The next power-on always changes the following bits, so they are not stored. */
         uint32_t status = fault->status & ~TEST_FAILED;
         if ((status & (PENDING | CONFIRMED)) == 0u) status |= NOT_COMPLETED_THIS_CYCLE;
         at[0] = (uint8_t)status;
@@ -153,7 +153,7 @@ static void take(sw_faults *faults, uint8_t reason, const uint8_t snapshot[SW_SN
     faults->is_changed = 1;
 }
 
-/* Records a test result. While `is_off` is set, the result replaces the waiting result instead (see take_waiting). */
+/* Records a test result. While `is_off` is set, stores it as the waiting result instead (see take_waiting). */
 static void note(sw_faults *faults, uint8_t reason)
 {
     if (faults->is_off) {
@@ -259,7 +259,7 @@ static void put_fault(const sw_faults *faults, uint32_t place, sw_answer *answer
     sw_answer_byte(answer, faults->faults[place].status);
 }
 
-/* Returns how many faults have a bit of `mask` (0: all faults); writes these faults if `answer` is not NULL. */
+/* Counts the faults with a status bit of `mask`, or all faults if `mask` is 0; writes them unless `answer` is NULL. */
 static uint32_t list(const sw_faults *faults, uint32_t mask, sw_answer *answer)
 {
     uint32_t found = 0;
@@ -321,7 +321,7 @@ uint8_t sw_faults_report(const sw_faults *faults, const uint8_t *body, uint32_t 
     } else if (mask != 0u) {
         (void)list(faults, mask, answer);
     } else {
-        /* If the mask has no bit, there is no fault to list. */
+        /* A mask without a bit selects no fault. */
     }
     return SW_UDS_DONE;
 }

@@ -55,7 +55,7 @@ static uint32_t in_one(sw_isotp *end, const sw_frame *frame, uint8_t *message)
     return length;
 }
 
-/* Begins a message, and discards an incomplete earlier message. A length of more than 12 bits is not supported. */
+/* Begins a message, and discards an incomplete earlier message. A length with more than 12 bits is not supported. */
 static void first(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 {
     if (frame->length < CLASSIC) return;

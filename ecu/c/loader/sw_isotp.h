@@ -24,11 +24,11 @@ typedef struct {
 typedef struct {
     uint8_t *message; /* the caller's SW_ISOTP_MOST bytes, for a message of several frames */
     uint8_t *whole;   /* address of the latest complete message */
-    uint8_t is_held;  /* whether `message` is still being read: other messages of several frames are refused */
+    uint8_t is_held;  /* whether `message` is still being read; other messages of several frames are then refused */
     /* Reception. */
     uint8_t frame_length; /* length of the message's first frame */
     uint8_t next_number;
-    uint8_t answer;  /* flow status to send, or SW_ISOTP_NO_ANSWER */
+    uint8_t answer;  /* flow status to send next, or SW_ISOTP_NO_ANSWER */
     uint16_t wanted; /* length of the message being received, in bytes; 0 if none is being received */
     uint16_t received;
     int64_t next_until_ns;
@@ -43,7 +43,7 @@ typedef struct {
     int64_t not_before_ns;
     int64_t flow_until_ns;
     sw_isotp_queue queue;
-    /* Numbers of messages that were lost, since the start. */
+    /* Numbers of lost messages since the start. */
     uint32_t aborted_receptions;
     uint32_t aborted_transmissions;
     uint32_t dropped_sent;
@@ -55,15 +55,15 @@ void sw_isotp_init(sw_isotp *end, uint8_t *message);
 /* Returns whether a frame comes from the tester, addressed to this ECU alone or to every ECU. */
 int sw_isotp_is_request(const sw_frame *frame);
 
-/* Processes a request to every ECU. Such a request has only one frame, since several frames would need flow control.
- * The request is independent of the conversation with this ECU, and does not interrupt that conversation. Returns the
- * length of the request in `message`, or 0.
+/* Reads a request to every ECU. Such a request has only one frame, since several frames would need flow control. The
+ * request does not interrupt a transfer between the tester and this ECU. Copies the request to `message`, and returns
+ * its length; returns 0 if the frame is no such request.
  */
 uint32_t sw_isotp_functional(const sw_frame *frame, uint8_t message[SW_FRAME_BYTES]);
 
-/* Processes a frame from the bus; frames for other nodes are ignored. Returns the length of a message that is now
- * complete, or 0. `whole` points to the message: in `single` after a single frame, otherwise in `message`. The pointer
- * is valid until the next call, or as long as `is_held` is 1.
+/* Processes a frame from the bus; frames for other nodes are ignored. Returns the length of the message that this frame
+ * completes, or 0. `whole` then points to the message: to `single` after a single frame, otherwise to `message`. The
+ * pointer is valid until the next call, or as long as `is_held` is 1.
  */
 uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame, uint8_t single[SW_FRAME_BYTES]);
 
@@ -71,10 +71,10 @@ uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame, 
 int sw_isotp_is_receiving(const sw_isotp *end);
 int sw_isotp_is_sending(const sw_isotp *end);
 
-/* Returns whether the waiting messages leave too little room for a message of the greatest length. */
+/* Returns whether the free room in the queue is too small for the longest message. */
 int sw_isotp_is_occupied(const sw_isotp *end);
 
-/* Returns whether all places for messages are used except the SW_ISOTP_KEPT places of the request in progress. */
+/* Returns whether no place is free, apart from the SW_ISOTP_KEPT places for the request in progress. */
 int sw_isotp_is_full(const sw_isotp *end);
 
 /* Returns the buffer for the next message to send, and stores the number of its free bytes in `room`. */
@@ -86,8 +86,8 @@ uint8_t *sw_isotp_place(sw_isotp *end, uint32_t *room);
  */
 void sw_isotp_send(sw_isotp *end, uint32_t length);
 
-/* Writes the frames to send now, at most SW_ISOTP_BURST and at most `room`: first the flow control for the other end,
- * then this end's messages. Frames that find no room follow in a later call. Returns the number of frames.
+/* Writes the frames to send now: first the flow control for the other end, then this end's messages. It writes at most
+ * SW_ISOTP_BURST and at most `room` frames; a later call writes the others. Returns the number of frames.
  */
 int sw_isotp_poll(sw_isotp *end, int64_t now_ns, int room, sw_frame frames[SW_ISOTP_BURST]);
 

@@ -65,8 +65,8 @@ static int64_t clipped(int64_t now_ns)
     return now_ns < SW_LATEST_NS ? now_ns : SW_LATEST_NS;
 }
 
-/* Runs a control period while no release is booted, or while the booted release is overwritten. Reads nothing of a
- * release, shuts the jets, sends the reason and advances the counters. Corresponds to ecu/flashable/power_cycle.py.
+/* Runs a control period while no release is booted, or while the booted release is overwritten. Does not read a
+ * release; shuts the jets, sends the reason and advances the counters. Corresponds to ecu/flashable/power_cycle.py.
  */
 static int shut_step(sw_node *node, int64_t now_ns, sw_frame frames_out[SW_FRAMES_OUT])
 {
@@ -91,7 +91,7 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
     const uint32_t missed = ecu->state.missed;
     int sent;
     sw_faults_before(&services->faults);
-    /* The release that boots next cannot find out whether the jets run now, so they are shut before the reset. */
+    /* The release that boots next cannot know whether the jets run, so the jets are shut before the reset. */
     ecu->surroundings.fault = services->uds.wants_reset ? SW_REASON_UPDATING : SW_REASON_NONE;
     ecu->surroundings.updating = services->programming.is_updating;
     if (has_release) {
@@ -114,7 +114,7 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
 
 /* --- Diagnosis --- */
 
-/* Processes at most SW_ISOTP_QUEUE requests; returns their number. A request without a place for its answer is lost. */
+/* Processes at most SW_ISOTP_QUEUE requests; returns their number. If answers fill all places, requests are lost. */
 static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count)
 {
     uint8_t single[SW_FRAME_BYTES];
@@ -135,7 +135,7 @@ static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *fra
     return requests;
 }
 
-/* Sets the permitted way to store records (sw_records_limit), and checks the progress of an erasure. */
+/* Sets how records may be stored now (sw_records_limit), and checks the progress of an erasure. */
 static void look_after_records(sw_node *node)
 {
     if (!node->has_begun) node->begun_ns = node->services.request.now_ns;
@@ -144,8 +144,8 @@ static void look_after_records(sw_node *node)
     if (sw_store_is_erasing(&node->store) && node->store.work != SW_WORK_CLEAR) sw_records_care(&node->store.records);
 }
 
-/* Maintains the records while diagnosis is idle. No erasure begins while the vehicle asks for control, or shortly after
- * power-on, because the vehicle may soon ask. An erasure that has begun is completed.
+/* Maintains the records while diagnosis is idle. No erasure begins while the vehicle requests control, or shortly after
+ * power-on, because a request may soon follow. An erasure that has begun is completed.
  */
 static void care_for_records(sw_node *node)
 {
@@ -194,7 +194,7 @@ int sw_node_service(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
     sw_uds_look(uds, time_ns);
     const int looked_at = count < (int)SW_MOST_FRAMES ? count : (int)SW_MOST_FRAMES;
     const uint32_t requests = take_requests(node, time_ns, frames_in, looked_at);
-    /* If long work has begun in this call, its first part is done, and its next part waits for the next call. */
+    /* Long work that has begun in this call has done its first part. Its next part waits for the next call. */
     if (was_busy || requests == 0u || !sw_uds_is_busy(uds)) sw_uds_tick(uds, time_ns);
 #if SW_XCP
     hear_tool(node, time_ns, frames_in, looked_at);

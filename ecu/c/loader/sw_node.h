@@ -1,5 +1,5 @@
-/* The ECU in a vehicle: it boots a release from its flash memory, controls, and can be flashed and calibrated. This
- * file corresponds to ecu/flashable.
+/* The ECU in a vehicle: it boots a release from its flash memory, controls the jets, and can be flashed and calibrated.
+ * This file corresponds to ecu/flashable.
  *
  * The code is freestanding C99, without allocation, recursion or static state: all memory is in the caller's sw_node.
  *
@@ -13,9 +13,9 @@
  *     whenever all frames have been sent and sw_node_wants_reset: reset the microcontroller.
  *
  * An image runs in place in the flash, or from a copy (sw_equipment). The copy is needed if the flash cannot be read
- * while one of its sectors is erased. An erasure takes a second on some chips; without the copy a control period would
- * have to wait. A transfer may overwrite the image that is running on trial. From the announcement of a transfer until
- * a reset, the ECU therefore sends unchanged counts and pressure counters, and refuses the self-test.
+ * while one of its sectors is erased. An erasure takes a second on some chips, and a control period without the copy
+ * would have to wait. A transfer may overwrite the image that is running on trial. From the announcement of a transfer
+ * until a reset, the ECU therefore sends unchanged counts and pressure counters, and refuses the self-test.
  *
  * A call executes at most one part of long work (hash, signature, erasure). A call for a node must not interrupt
  * another call for the same node.
@@ -47,9 +47,9 @@ typedef struct {
     uint32_t bundle_hash; /* short hash of the booted release; 0 if none is booted */
     uint8_t is_sending;
     uint8_t is_full;   /* whether frames wait because the CAN controller had no room */
-    uint8_t has_begun; /* whether sw_node_service has run since power-on; its first run was at begun_ns */
+    uint8_t has_begun; /* whether sw_node_service has run since power-on; begun_ns is the time of the first run */
     int64_t begun_ns;
-    sw_ecu ecu; /* last member; the caller writes `ecu.surroundings.health` as for sw_ecu_step */
+    sw_ecu ecu; /* last member; the caller writes `ecu.surroundings.health`, as for sw_ecu_step */
 } sw_node;
 
 /* Boots the release in the flash memory, at power-on. `message` has SW_ISOTP_MOST bytes. All arguments must stay valid
@@ -63,9 +63,9 @@ int sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *f
 int sw_node_step(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
                  sw_frame frames_out[SW_NODE_FRAMES]);
 
-/* The two parts of sw_node_step, for callers that run them separately. Diagnosis processes at most SW_MOST_FRAMES
- * frames per call. It returns at most `room` frames; `room` is the number of free places in the CAN controller. The
- * remaining frames follow in a call a millisecond later.
+/* The two parts of sw_node_step, for callers that run them separately. sw_node_service processes at most SW_MOST_FRAMES
+ * frames per call. It returns at most `room` frames, the number of free places in the CAN controller. Call it a
+ * millisecond later for the remaining frames.
  */
 int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
                     sw_frame frames_out[SW_FRAMES_OUT]);
@@ -78,7 +78,7 @@ int sw_node_is_request(const sw_frame *frame);
 /* Returns whether sw_node_service has work to do without another frame. */
 int sw_node_is_busy(const sw_node *node);
 
-/* Returns whether the work waits for the flash, or until frames are sent: one call per millisecond is then enough. */
+/* Returns whether the work waits for the flash or for frames to be sent; one call per millisecond is then enough. */
 int sw_node_waits(const sw_node *node);
 
 int sw_node_wants_reset(const sw_node *node);

@@ -22,7 +22,7 @@ uint8_t sw_programming_take_keys(sw_programming *programming, const uint8_t *val
     sw_sha256_of(value, length, digest);
     const int is_again = programming->has_keys && sw_bytes_equal(digest, programming->keys_digest, sizeof digest);
     if (is_again) return SW_UDS_DONE;
-    /* Verifying a signature takes a large part of a control period, so a list is refused while control is requested. */
+    /* Verifying a signature takes much of a control period, so a key list is refused while control is requested. */
     uint8_t code = sw_request_refusal(programming->request);
     if (code == 0u) code = sw_store_refusal(sw_store_take_keys(programming->store, value, length));
     if (code == SW_UDS_DONE) {
@@ -41,7 +41,7 @@ uint8_t sw_programming_download(const sw_programming *programming, uint32_t offs
     return is_missing ? 0u : SW_NRC_OUT_OF_RANGE;
 }
 
-/* --- The self-test checks, like ecu/flashable/vehicle_fit.py, whether the running release computes correctly on this
+/* --- Like ecu/flashable/vehicle_fit.py, the self-test checks whether the running release computes correctly on this
  * chip. The test uses the ECU's memory for the control step: no later period needs the content of this memory. ---
  */
 
@@ -106,7 +106,7 @@ static uint8_t test_piece(sw_programming *programming)
 
 /* --- Routines: long work of the store begins here and continues in sw_programming_go_on --- */
 
-/* Writes the answer with the store's result: the offset of an image's first missing byte, or a check's verdict. */
+/* Writes the store's result to the answer: the offset of an image's first missing byte, or the verdict of a check. */
 static uint8_t ended(const sw_programming *programming, sw_store_result result, sw_answer *answer)
 {
     const sw_store *store = programming->store;
@@ -116,7 +116,7 @@ static uint8_t ended(const sw_programming *programming, sw_store_result result, 
     } else if (programming->routine == SW_ROUTINE_CHECK) {
         sw_answer_byte(answer, store->verdict);
     } else if (store->verdict != SW_VERDICT_GOOD) {
-        return SW_NRC_CONDITIONS_NOT_CORRECT; /* the earlier release is no longer allowed to run */
+        return SW_NRC_CONDITIONS_NOT_CORRECT; /* the earlier release may no longer run */
     } else {
         /* A revert reports no data. */
     }
@@ -133,8 +133,8 @@ static uint8_t announce(sw_programming *programming, const uint8_t *option, sw_a
     return ended(programming, sw_store_announce(programming->store, sw_number(option, 4), &option[4]), answer);
 }
 
-/* Confirms the running release if it is on trial and has passed its self-test; acknowledges a repeated confirmation. If
- * the running release is not on trial, the tester means another release, and the request is refused.
+/* Confirms the running release if it is on trial and has passed its self-test. Acknowledges a repeated confirmation.
+ * Refuses the request if the running release is not on trial: the tester then means another release.
  */
 static uint8_t confirm(sw_programming *programming)
 {

@@ -20,18 +20,18 @@ typedef struct {
     sw_store *store;
     const sw_vehicle_request *request;
     uint8_t is_updating;   /* an image was announced since power-on: the jets stay shut until a reset */
-    uint8_t has_passed;    /* the running release passed its latest self-test, which ran after the last announcement */
+    uint8_t has_passed;    /* since the last announcement the running release has passed its latest self-test */
     uint8_t has_confirmed; /* the release on trial has been confirmed since the last announcement */
     uint8_t has_keys;      /* whether a key list was accepted */
     uint8_t keys_digest[SW_SHA256_BYTES]; /* SHA-256 of the accepted list, to acknowledge a repeated list */
     uint16_t routine;                     /* routine that was begun last */
-    uint8_t piece;                        /* number of parts of the self-test that have begun */
+    uint8_t piece;                        /* number of self-test parts that have begun */
 } sw_programming;
 
 /* Returns whether an image is booted and has not been overwritten. */
 int sw_programming_has_release(const sw_programming *programming);
 
-/* Checks that a reset would not interrupt control, which may have begun after the session began. */
+/* Checks that a reset would not interrupt control. Control may have begun after the session began. */
 uint8_t sw_programming_before_reset(const sw_programming *programming);
 
 uint8_t sw_programming_take_keys(sw_programming *programming, const uint8_t *value, uint32_t length);
@@ -42,7 +42,7 @@ uint8_t sw_programming_begin(sw_programming *programming, uint32_t routine, cons
 /* Executes the next part of the routine. */
 uint8_t sw_programming_go_on(sw_programming *programming, sw_answer *answer);
 
-/* Checks that the `length` bytes of the announced image from `offset` on are still missing. */
+/* Checks that `length` bytes of the announced image, from `offset` on, are still missing. */
 uint8_t sw_programming_download(const sw_programming *programming, uint32_t offset, uint32_t length);
 
 #endif

@@ -1,5 +1,5 @@
-/* The reasons for which a tester's request is refused now, as UDS codes: either the vehicle requests control, or the
- * store refuses. This file corresponds to ecu/flashable/power_cycle.py.
+/* The UDS codes with which the ECU refuses a tester's request: the vehicle requests control, or the store refuses. This
+ * file corresponds to ecu/flashable/power_cycle.py.
  */
 #ifndef SW_REQUEST_H
 #define SW_REQUEST_H
@@ -13,7 +13,7 @@
 #define SW_UDS_DONE 0u /* the answer is positive */
 #define SW_UDS_MORE 1u /* the service needs further calls */
 
-/* The vehicle's request for control, as received in the control periods; while it is valid, nothing is flashed. */
+/* The vehicle's request for control, as received in the control periods; a valid request prevents flashing. */
 typedef struct {
     uint8_t has_asked;
     uint8_t drives_jets;

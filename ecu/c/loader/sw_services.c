@@ -6,7 +6,7 @@
 #define HARD_RESET 1u
 #define START 1u
 #define PLAIN 0x00u         /* data format of a download: neither compressed nor encrypted */
-#define FOUR_AND_FOUR 0x44u /* numbers of bytes for length and address in a download request */
+#define FOUR_AND_FOUR 0x44u /* a download request has 4 bytes of length and 4 bytes of address */
 #define TWO_BYTES 0x20u     /* format of the block length in the answer to a download request */
 #define P2_UNIT_MS 10u
 #define ENABLE 0u
@@ -15,7 +15,7 @@
 #define NORMAL_AND_NETWORK 0x03u /* communication type that includes these messages and network management */
 #define COUNT(table) (sizeof(table) / sizeof(table)[0])
 
-/* The permission to write an identifier or start a routine, and the number of data bytes; 0xffff means any number. */
+/* The permission to write an identifier or start a routine, and the number of data bytes (0xffff: any number). */
 typedef struct {
     uint16_t number;
     uint8_t sessions;
@@ -161,7 +161,7 @@ static uint8_t read(sw_services *services, const uint8_t *body, uint32_t length,
     return answer->length > SW_LONGEST_ANSWER ? SW_NRC_RESPONSE_TOO_LONG : SW_UDS_DONE;
 }
 
-/* Handles security access. An odd sub-function requests a level's seed; the next even one has the tester's answer. */
+/* Handles security access. An odd sub-function requests a level's seed; the next even number sends the answer. */
 static uint8_t give_access(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     const int is_answer = body[0] % 2u == 0u;
@@ -235,7 +235,7 @@ static uint8_t download(sw_services *services, const uint8_t *body, uint32_t len
     } else if (transfer->has_last || transfer->offset != offset || transfer->length != bytes) {
         return SW_NRC_CONDITIONS_NOT_CORRECT;
     } else {
-        /* If the request is repeated before the first block has arrived, it is acknowledged. */
+        /* A request that is repeated before the first block has arrived is acknowledged. */
     }
     sw_answer_byte(answer, TWO_BYTES);
     sw_answer_number(answer, SW_MAX_BLOCK, 2);
@@ -254,7 +254,7 @@ static uint8_t judged(const sw_transfer *transfer, uint8_t counter, uint32_t byt
     return bytes > transfer->missing ? SW_NRC_TRANSFER_SUSPENDED : SW_UDS_MORE;
 }
 
-/* Ends a block. A failed write ends the transfer: the memory's content is known only after a new announcement. */
+/* Ends a block. A failed write ends the transfer: the memory's content is then unknown until a new announcement. */
 static uint8_t block_written(sw_transfer *transfer, uint8_t code)
 {
     if (code == SW_UDS_DONE) transfer->state = SW_TRANSFER_OPEN;
@@ -287,7 +287,7 @@ static uint8_t take_block(sw_services *services, const uint8_t *body, uint32_t l
     return block_written(transfer, sw_store_refusal(sw_store_append(services->uds.store, &body[1], bytes)));
 }
 
-/* Ends a transfer whose bytes have all arrived; the check routine compares them with the announced image. */
+/* Ends a transfer after all its bytes have arrived. The check routine compares the bytes with the announced image. */
 static uint8_t end_transfer(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     sw_transfer *transfer = &services->transfer;
@@ -320,7 +320,7 @@ static uint8_t set_faults(sw_services *services, const uint8_t *body, uint32_t l
 
 static const sw_service rows[] = {
     {SW_SERVICE_SESSION, SW_IN_ALL, 1, 0, control_session, NULL},
-    /* The programming session begins only while the jets are shut; the reset checks again whether they are shut. */
+    /* The programming session begins only while the jets are shut. The reset also checks whether they are shut. */
     {SW_SERVICE_RESET, SW_IN_PROGRAMMING, 1, 0, reset, NULL},
     {SW_SERVICE_CLEAR_FAULTS, SW_IN_ALL, 0, 1, clear_faults, NULL},
     {SW_SERVICE_REPORT_FAULTS, SW_IN_ALL, 1, 0, report_faults, NULL},
@@ -336,8 +336,8 @@ static const sw_service rows[] = {
     {SW_SERVICE_FAULT_SETTING, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, 0, set_faults, NULL},
 };
 
-/* Drops an open transfer; it can be resumed after a reset. If a tester disappears during a transfer, the ECU is reset,
- * because the jets would otherwise stay shut until the next power-on. The earlier release is intact.
+/* Drops an open transfer, which can be resumed after a reset. If the tester disappears during a transfer, resets the
+ * ECU; otherwise the jets would stay shut until the next power-on. The earlier release is intact.
  */
 static void end_session(sw_services *services, uint8_t next)
 {

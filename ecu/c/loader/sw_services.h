@@ -11,7 +11,7 @@
 #include "sw_programming.h"
 #include "sw_uds.h"
 
-/* The data that an ECU gets at production. No reset changes them; they must stay valid as long as the node is used. */
+/* The data that an ECU gets at production. The data must stay valid, also after resets, as long as the node is used. */
 typedef struct {
     const sw_rules *rules;     /* rules by which images and key lists are judged */
     const uint8_t *access_key; /* secret shared with the tester, of SW_AES_BYTES bytes */
@@ -40,7 +40,7 @@ typedef struct {
 
 struct sw_services {
     const sw_equipment *equipment;
-    sw_programming programming; /* next to a pointer, so that alignment needs no padding */
+    sw_programming programming; /* follows a pointer, so that alignment needs no padding */
     sw_vehicle_request request;
     sw_uds uds;
     sw_calibrating calibrating;
@@ -48,7 +48,7 @@ struct sw_services {
     sw_transfer transfer;
 };
 
-/* Connects the parts at power-on; all memory must be zero before. The arguments must stay valid during use. */
+/* Connects the parts at power-on. All memory must be zero before the call. The arguments must stay valid during use. */
 void sw_services_init(sw_services *services, const sw_equipment *equipment, sw_store *store, sw_isotp *isotp,
                       sw_ecu *ecu);
 

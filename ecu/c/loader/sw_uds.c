@@ -5,7 +5,7 @@
 
 #define MS INT64_C(1000000)
 #define S3_NS ((int64_t)SW_S3_MS * MS)
-/* The code uses half of each limit, since the answer must be on the bus before the limit ends. */
+/* Each time is half of its limit, since the answer must be on the bus before the limit ends. */
 #define FIRST_PENDING_NS ((int64_t)SW_P2_MS * MS / 2)
 #define NEXT_PENDING_NS ((int64_t)SW_P2_EXTENDED_MS * MS / 2)
 #define POSITIVE 0x40u
@@ -97,7 +97,7 @@ static void came_to(sw_uds *uds, uint8_t number, uint8_t code, const sw_answer *
     uds->heard_ns = uds->now_ns;
 }
 
-/* Stores a request until an erasure ends. Refuses the request if a physical request being received needs the memory. */
+/* Stores a request until an erasure ends. Refuses it if a physical request that is being received needs the memory. */
 static uint8_t put_off(sw_uds *uds, const uint8_t *request, uint32_t length)
 {
     if (uds->isotp->wanted > 0u) return SW_NRC_BUSY_REPEAT_REQUEST;

@@ -1,9 +1,9 @@
 /* The ECU's side of UDS (ISO 14229-1): it processes requests and returns answers; the time is an argument. This file
- * corresponds to can_bridge/uds/server.py and under_way.py. The caller gives the table of services.
+ * corresponds to can_bridge/uds/server.py and under_way.py. The caller provides the table of services.
  *
  * Every request is checked in the order of the standard's figures: service, session, length, sub-function and its
- * session, security level, sequence. The function of the service may then refuse for its own reasons. Requests are
- * processed one at a time and in parts: each sw_uds_tick executes one part.
+ * session, security level, sequence. The function of the service may then refuse the request for further reasons.
+ * Requests are processed one at a time and in parts: each sw_uds_tick executes one part.
  */
 #ifndef SW_UDS_H
 #define SW_UDS_H
@@ -16,7 +16,7 @@
 #include "sw_request.h"
 #include "sw_store.h"
 
-/* The data of the services; the server only passes a pointer to them. */
+/* The data of the services. The server only passes a pointer to this data. */
 typedef struct sw_services sw_services;
 
 /* The sessions in which a service exists, one bit each. */
@@ -33,7 +33,7 @@ typedef struct {
     uint8_t number;
     uint8_t sessions;
     uint8_t has_sub_function;
-    uint8_t writes; /* 1 if the service needs the flash memory: it then waits for the end of any running erasure */
+    uint8_t writes; /* 1 if the service needs the flash memory; it then waits until a running erasure has ended */
     uint8_t (*handle)(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer);
     uint8_t (*go_on)(sw_services *services, sw_answer *answer); /* executes a further part; NULL if there is none */
 } sw_service;
@@ -41,7 +41,7 @@ typedef struct {
 typedef struct {
     const sw_service *rows;
     uint32_t count;
-    void (*end_session)(sw_services *services, uint8_t next); /* ends the session's own activities */
+    void (*end_session)(sw_services *services, uint8_t next); /* ends the session's activities */
 } sw_service_table;
 
 typedef struct {
@@ -54,7 +54,7 @@ typedef struct {
     uint8_t has_time; /* whether now_ns is valid */
     uint8_t reset_is_due;
     uint8_t wants_reset; /* whether the ECU must be reset */
-    uint8_t is_silent; /* a tester has silenced the frames of control; they are still sent while a jet can run */
+    uint8_t is_silent; /* a tester has stopped JetCommand and EcuStatus, which are still sent while a jet can run */
     uint8_t is_quiet;  /* the tester has suppressed the positive answer */
     uint8_t is_functional; /* the request goes to every ECU: refusals such as "not supported" are not sent */
     uint16_t waiting;      /* length in bytes of a request that waits for the end of an erasure; 0 if none waits */
@@ -78,7 +78,7 @@ void sw_uds_look(sw_uds *uds, int64_t now_ns);
  */
 void sw_uds_request(sw_uds *uds, int64_t now_ns, uint8_t *request, uint32_t length, int is_functional);
 
-/* Executes one part of the present request, or the reset after an answer. Call it within 20 ms while sw_uds_is_busy. */
+/* Executes a part of the request in progress, or the reset after an answer. Call it every 20 ms if sw_uds_is_busy. */
 void sw_uds_tick(sw_uds *uds, int64_t now_ns);
 
 /* Returns whether the request in progress still needs the bytes in the `message` of the sw_isotp. */

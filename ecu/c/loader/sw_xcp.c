@@ -119,7 +119,7 @@ static uint8_t answered(sw_xcp *xcp, const uint8_t *data, uint32_t length, sw_an
     return SW_XCP_ERROR_CMD_UNKNOWN;
 }
 
-/* Ends an idle connection. If a tool is measuring, its connection stays open, but is locked. */
+/* Ends an idle connection. While a tool is measuring, only locks its connection. */
 static void end_if_idle(sw_xcp *xcp, int64_t now_ns)
 {
     if (!xcp->is_connected || now_ns - xcp->last_ns <= SW_XCP_IDLE_NS) return;
@@ -179,7 +179,7 @@ void sw_xcp_look(sw_xcp *xcp, int64_t now_ns, int may_store)
     if (!xcp->has_to_store || !may_store || xcp->waiting.count == SW_XCP_PLACES) return;
     const uint8_t code = sw_calibrating_store(xcp->memory.calibrating, &xcp->to_store);
     if (code == SW_NRC_CONDITIONS_NOT_CORRECT) return; /* the request waits until the jets are shut */
-    /* Storing is not attempted again: an attempt in every period would wear out a failing memory. */
+    /* A failed attempt is not repeated: an attempt in every period would wear out a failing memory. */
     xcp->has_to_store = 0;
     if (code == SW_UDS_DONE) to_tool(xcp, &stored);
 }

@@ -13,7 +13,7 @@
 typedef struct {
     uint8_t is_unlocked;
     uint8_t has_seed;
-    uint8_t unsent;    /* number of bytes of the seed that are still to be sent */
+    uint8_t unsent;    /* number of the seed's bytes that are not sent yet */
     uint8_t key_bytes; /* number of received bytes of the key */
     uint8_t seed[SW_XCP_SEED_LENGTH];
     uint8_t key[SW_ANSWER_BYTES];
@@ -22,8 +22,8 @@ typedef struct {
 /* Locks the calibration, at the beginning and at the end of a connection. */
 void sw_xcp_access_lock(sw_xcp_access *access);
 
-/* Answer GET_SEED and UNLOCK, whose length the caller checks. Return SW_XCP_DONE or the refusal's SW_XCP_ERROR_. Every
- * attempt needs a new seed. A wrong key is answered with ACCESS_LOCKED and ends the connection.
+/* Answer GET_SEED and UNLOCK; the caller checks the commands' lengths. Return SW_XCP_DONE or the refusal's
+ * SW_XCP_ERROR_. Every attempt needs a new seed. A wrong key is answered with ACCESS_LOCKED and ends the connection.
  */
 uint8_t sw_xcp_access_seed(sw_xcp_access *access, const uint8_t *data, sw_random random, void *context,
                            sw_answer *answer);

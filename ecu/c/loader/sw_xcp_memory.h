@@ -14,7 +14,7 @@
 typedef struct {
     sw_calibrating *calibrating;
     const sw_daq *daq;
-    const char *text; /* rest of a name, which UPLOAD returns next */
+    const char *text; /* rest of a name that UPLOAD returns next */
     uint32_t address; /* memory transfer address (MTA) */
     uint8_t text_bytes;
     uint8_t page; /* page that the tool reads and writes */

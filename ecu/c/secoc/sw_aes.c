@@ -25,8 +25,8 @@ static void from_planes(uint8_t block[SW_AES_BYTES], const uint32_t planes[SW_AE
     }
 }
 
-/* SubBytes: the straight-line program with 32 ANDs by Boyar and Peralta ("A depth-16 circuit for the AES S-box", 2011),
- * with the names of that paper. The paper's x0 and s0 are the highest bits.
+/* SubBytes: the straight-line program with 32 ANDs by Boyar and Peralta ("A depth-16 circuit for the AES S-box", 2011).
+ * The names are from the paper, where x0 and s0 are the highest bits.
  */
 static void substitute(uint32_t planes[SW_AES_PLANES])
 {

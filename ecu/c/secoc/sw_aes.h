@@ -1,6 +1,6 @@
 /* AES-128 (FIPS 197), encryption only. The caller provides the memory for the schedule of a key.
  *
- * The code has no table and no branch that depends on a secret, so its time does not depend on the key or the data.
+ * The code has no table, and no branch depends on a secret, so the time does not depend on the key or the data.
  */
 #ifndef SW_AES_H
 #define SW_AES_H

@@ -4,7 +4,7 @@
 
 #include "sw_aes.h"
 
-/* A prepared key. A MAC then takes one encryption for each block of the message. */
+/* A prepared key, with which a MAC takes one encryption for each block of the message. */
 typedef struct {
     sw_aes_key aes;
     uint8_t whole[SW_AES_BYTES];  /* added to a complete last block, K1 in RFC 4493 */

@@ -13,7 +13,7 @@ int sw_secoc_begin(sw_secoc *secoc, const uint8_t key[SW_AES_BYTES])
     return any != 0u ? 0 : 1;
 }
 
-/* Computes the MAC of a frame of `length` bytes. It covers the unsent data ID and all bytes before the MAC. */
+/* Computes the MAC of a frame of `length` bytes. The MAC covers all bytes before it, and the unsent data ID. */
 static void mac_of(const sw_secoc *secoc, const uint8_t *data, uint32_t length, uint16_t data_id,
                    uint8_t mac[SW_AES_BYTES])
 {

@@ -28,10 +28,10 @@ typedef struct {
 /* The state of the sender: the freshness of its next frames. */
 typedef struct {
     uint32_t trip;  /* number of power cycles, including this one; at least 1 */
-    uint32_t count; /* number of frames of one message sent in this power cycle; saturates */
+    uint32_t count; /* number of frames that were sent of each message in this power cycle; saturates */
 } sw_freshness;
 
-/* Prepares a key. Returns 0, or 1 if the key is zeros, as in an empty memory; no key is then in use. */
+/* Prepares a key. Returns 0, or 1 for a key of zeros, as in an empty memory; the node then has no key. */
 int sw_secoc_begin(sw_secoc *secoc, const uint8_t key[SW_AES_BYTES]);
 
 /* Returns whether a frame of `bytes` bytes is an authentic message of `length` bytes; stores the frame's freshness. */

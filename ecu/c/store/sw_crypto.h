@@ -19,7 +19,7 @@ void sw_sha256_end(sw_sha256 *hash, uint8_t digest[SW_SHA256_BYTES]);
 /* Computes the digest of the whole data in one call. */
 void sw_sha256_of(const uint8_t *data, uint32_t length, uint8_t digest[SW_SHA256_BYTES]);
 
-/* Returns whether a public key is of small order: anyone can forge signatures that such a key accepts. */
+/* Returns whether a public key is of small order. Anyone can forge signatures that such a key accepts. */
 int sw_key_is_weak(const uint8_t key[32]);
 
 /* Returns whether this key signed these bytes; 0 for every key of small order. */

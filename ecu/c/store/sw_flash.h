@@ -1,6 +1,6 @@
-/* The flash memory of the store, as the loader uses it: it is erased sector by sector, and each word is written once.
+/* The flash memory of the store. The loader erases it sector by sector, and writes each erased word only once.
  *
- * Addresses are bytes from the start of the store's part of the flash, which the driver maps. The sectors are, in
+ * Addresses count bytes from the start of the store's part of the flash; the driver maps this part. The sectors are, in
  * order: two for records, SW_SLOT_SECTORS for slot A, and SW_SLOT_SECTORS for slot B.
  */
 #ifndef SW_FLASH_H
@@ -26,8 +26,8 @@ typedef enum { SW_FLASH_DONE = 0, SW_FLASH_FAILED = 1, SW_FLASH_AT_WORK = 2 } sw
 /* A driver. Each function except `erased` returns 0, or 1 if the memory failed. If the supply fails during a call, the
  * words that the call erases or programs may have any value or be unreadable.
  *
- * An erasure takes a second on some chips, so `erase` only begins it. All bytes are 0xFF once `erased` returns DONE.
- * While it returns AT_WORK, no other function is called. A driver aborts an erasure that takes longer than allowed.
+ * An erasure takes a second on some chips, so `erase` only begins it. While `erased` returns AT_WORK, no other function
+ * is called. Once `erased` returns DONE, all bytes are 0xFF. A driver aborts an erasure that takes longer than allowed.
  */
 typedef struct {
     void *context;
@@ -35,7 +35,7 @@ typedef struct {
     int (*erase)(void *context, uint32_t sector);                         /* begins an erasure */
     sw_flash_state (*erased)(void *context);                              /* state of the erasure */
     int (*program)(void *context, uint32_t address, const uint8_t *word); /* programs an erased word completely */
-    int (*read)(void *context, uint32_t address, uint8_t *data, uint32_t length); /* 1 also for an uncorrectable word */
+    int (*read)(void *context, uint32_t address, uint8_t *data, uint32_t length); /* 1 also if a word is unreadable */
 } sw_flash;
 
 #endif

@@ -6,8 +6,8 @@
 
 #define WORD SW_FLASH_WORD
 #define WORDS (SW_FLASH_SECTOR / WORD)
-#define TRIES 3u            /* number of places at which a write is attempted */
-#define FILLED (WORDS / 2u) /* number of written words above which maintenance may blank or use the other sector */
+#define TRIES 3u            /* number of attempts to write, each at another place */
+#define FILLED (WORDS / 2u) /* if more words are written, maintenance may blank or use the other sector */
 
 /* The first byte of a word states the word's type; it is 0xFF in a blank word. */
 #define IS_SECTOR 0xc3u
@@ -75,7 +75,7 @@ static uint32_t crc_begun(sw_record_kind kind, uint32_t length)
     return sw_crc32(0, head, 3);
 }
 
-/* Return where the data of the record's word `number` begin: the offset in the record, and the byte in the word. */
+/* Return where the data in word `number` of a record begin: the offset in the record, and the byte in the word. */
 static uint32_t offset_of(uint32_t number) { return number == 0u ? 0u : IN_FIRST + (number - 1u) * IN_FURTHER; }
 static uint32_t begin_in(uint32_t number) { return number == 0u ? DATA : 1u; }
 
@@ -125,7 +125,7 @@ static void scan(sw_records *records)
     }
 }
 
-/* Returns whether a sequence number is later than another; 0 follows the largest number. */
+/* Returns whether a sequence number is later than the other; after the largest number, 0 follows. */
 static int is_later(uint32_t one, uint32_t other) { return one != other && one - other <= UINT32_MAX / 2u; }
 
 void sw_records_open(sw_records *records, const sw_flash *flash)
@@ -176,7 +176,7 @@ sw_flash_state sw_records_erased(sw_records *records)
     return state;
 }
 
-/* Makes a sector blank: erases the sector if necessary and allowed. */
+/* Erases a sector that is not blank, if erasing is allowed now. */
 static int blanked(sw_records *records, uint32_t sector)
 {
     sw_flash_state state = SW_FLASH_AT_WORK;
@@ -285,8 +285,8 @@ static int copied(const sw_records *records, uint32_t from, uint32_t sector, uin
     return 0;
 }
 
-/* Moves the newest records into the other sector, with this record in place of the older record of its kind. The other
- * sector becomes valid with its first word, which is written last.
+/* Moves the newest records into the other sector. The record `of`, if not NULL, replaces the older record of its kind.
+ * The first word of the other sector makes this sector valid, and is written last.
  */
 static int moved(sw_records *records, const record *of)
 {
@@ -328,7 +328,7 @@ static int moved(sw_records *records, const record *of)
     return 0;
 }
 
-/* Returns whether a move would free more than half of the written words. */
+/* Returns whether more than half of the written words are outdated, so that a move would free them. */
 static int is_worth_a_move(const sw_records *records)
 {
     uint32_t kept = 1;
@@ -377,7 +377,7 @@ int sw_records_keep_parts(sw_records *records, sw_record_kind kind, const sw_par
             records->other = SW_OTHER_UNKNOWN;
         } else {
             const uint32_t word = records->end;
-            records->end += words; /* a failed place stays unused */
+            records->end += words; /* words are not used again, even if the write fails */
             if (write_record(records, records->sector, word, &of) == 0) {
                 records->words[(uint32_t)kind - 1u] = word;
                 records->lengths[(uint32_t)kind - 1u] = of.length;

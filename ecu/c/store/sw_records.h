@@ -1,9 +1,9 @@
-/* The records that survive a power loss, in two sectors: one sector is written until it is full, then the other sector.
+/* The records that survive a power loss, in two sectors. When the sector in use is full, the other sector is used.
  *
  * A record consists of consecutive words. The first word of a record has kind, length and a CRC-32. The first byte of
- * each word states whether the word is the first or a further word of a record. No part of a record can therefore be
- * mistaken for another record. The newest complete record of a kind is valid. When a sector is full, the newest records
- * are copied into the other sector. The first word of a sector makes the sector valid, and is written last.
+ * each word states whether the word is the first or a further word of a record. No part of a record can therefore look
+ * like another record. The newest complete record of a kind is valid. When a sector is full, the newest records are
+ * copied into the other sector. The first word of a sector makes the sector valid, and is written last.
  *
  * An erasure takes longer than a control period. Before control begins, the code waits for the erasure. Later
  * sw_records_care begins and checks an erasure while the jets are shut, so that the other sector is blank in time.
@@ -29,7 +29,7 @@ typedef enum {
 /* The permitted ways to store a record. */
 typedef enum {
     SW_RECORDS_WAIT = 0,  /* before control begins: the code may erase the other sector and wait until it is blank */
-    SW_RECORDS_MOVE = 1,  /* records may also move from a full sector to a blank sector */
+    SW_RECORDS_MOVE = 1,  /* records are added, and may move from a full sector to a blank sector */
     SW_RECORDS_APPEND = 2 /* while the jets run: records are only added after the last record */
 } sw_records_limit;
 
@@ -43,21 +43,21 @@ typedef struct {
     uint8_t other;                     /* sw_records_other */
     uint32_t sector;                   /* the valid sector, or SW_RECORD_SECTORS */
     uint32_t sequence;                 /* sequence number of the valid sector; the later number is newer */
-    uint32_t end;                      /* number of the word after the last written word */
+    uint32_t end;                      /* number of the first word after the written words */
     uint32_t words[SW_RECORD_KINDS];   /* number of the first word of each kind's newest record; 0: none */
     uint32_t lengths[SW_RECORD_KINDS]; /* lengths of the newest records of each kind, in bytes */
 } sw_records;
 
-/* Finds the records after power-on; writes nothing. */
+/* Finds the records after power-on, without writing. */
 void sw_records_open(sw_records *records, const sw_flash *flash);
 
 /* Blanks the unused sector before control begins, if the sector in use is more than half full; ignores a failure. */
 void sw_records_tidy(sw_records *records);
 
-/* Executes one part of maintenance: blanks the unused sector, or moves the records out of a sector that fills up. */
+/* Executes one part of maintenance: blanks the unused sector, or moves the records there if many words are outdated. */
 void sw_records_care(sw_records *records);
 
-/* Begins to erase any sector; sw_records_erased checks the progress. All erasures use these two functions. */
+/* Begins to erase a sector; sw_records_erased checks the progress. All erasures use these two functions. */
 int sw_records_begin_erasing(sw_records *records, uint32_t sector);
 sw_flash_state sw_records_erased(sw_records *records);
 
@@ -71,11 +71,11 @@ int sw_records_read(const sw_records *records, sw_record_kind kind, uint32_t off
 uint32_t sw_records_length(const sw_records *records, sw_record_kind kind);
 
 /* Replaces a record. If the power fails meanwhile, either the old or the new record is valid. Returns 1 if no place can
- * be written, or if the limit allows no place; the old record then stays valid.
+ * be written, or if `limit` permits no place; the old record then stays valid.
  */
 int sw_records_keep(sw_records *records, sw_record_kind kind, const uint8_t *data, uint32_t length);
 
-/* A part of a record: the bytes at `data`, or, if `data` is NULL, the bytes from `place` on of the stored record. */
+/* A part of a record: the bytes at `data`; if `data` is NULL, the bytes of the stored record from `place` on. */
 typedef struct {
     const uint8_t *data;
     uint32_t place, length;
@@ -84,7 +84,7 @@ typedef struct {
 /* Replaces a record, like sw_records_keep, with a record that consists of several parts. */
 int sw_records_keep_parts(sw_records *records, sw_record_kind kind, const sw_part *parts, uint32_t count);
 
-/* Returns zlib's CRC-32 of these data after earlier data whose CRC is `before`; `before` is 0 without earlier data. */
+/* Continues zlib's CRC-32 with these data; `before` is the CRC of the earlier data, or 0 without earlier data. */
 uint32_t sw_crc32(uint32_t before, const uint8_t *data, uint32_t length);
 
 #endif

@@ -12,7 +12,7 @@
 /* Returns whether a list is signed by the root key and well-formed. */
 int sw_key_list_is_good(const uint8_t *data, uint32_t length, const uint8_t root[32]);
 
-/* Returns the version of a valid list. A list of zeros means that there is no list; its version is 0. */
+/* Returns the version of a valid list; 0 for a list of zeros, which means that there is no list. */
 uint32_t sw_key_list_version(const uint8_t *list);
 int sw_key_is_allowed(const uint8_t *list, const uint8_t key[32]);
 int sw_key_is_revoked(const uint8_t *list, const uint8_t key[32]);
@@ -37,7 +37,7 @@ typedef enum {
     SW_VERDICT_TOO_OLD = 12,
     SW_VERDICT_UNREADABLE = 13,
     SW_VERDICT_EMPTY = 14,
-    SW_VERDICT_WRONG_BUILD = 15, /* checked after WRONG_DBC, and again at the end by sw_image_open */
+    SW_VERDICT_WRONG_BUILD = 15, /* checked after WRONG_DBC; at the end sw_image_open checks again */
     SW_VERDICT_NONE = 0xff       /* the image is not judged yet */
 } sw_verdict;
 
@@ -51,7 +51,7 @@ typedef struct {
                                 operating point, action limit, number of sensors */
 } sw_rules;
 
-/* The data about a valid image that the store saves. */
+/* The data that the store saves about a valid image. */
 typedef struct {
     uint32_t security_version;
     uint8_t digest[32]; /* digest of the release */
@@ -61,8 +61,8 @@ typedef struct {
 } sw_release_facts;
 
 /* Judges the header of an image of `length` bytes against the rules and a key list; `payload_sha256` is the SHA-256 of
- * the image's payload. The caller has to detect WRONG_HASH, INCOMPLETE, UNREADABLE and EMPTY, and to check whether the
- * build can run the payload.
+ * the image's payload. The caller has to detect WRONG_HASH, INCOMPLETE, UNREADABLE and EMPTY, and has to check whether
+ * the build can run the payload.
  */
 sw_verdict sw_release_judge(const uint8_t header[SW_HEADER_BYTES], uint32_t length, const uint8_t payload_sha256[32],
                             const uint8_t *keys, const sw_rules *rules, uint32_t least_security_version);

@@ -1,8 +1,8 @@
 /* The verification of Ed25519 signatures (R, s) by a key A (RFC 8032); OpenSSL gives the same results in Python.
- * Monocypher's arithmetic computes the point sB - hA. Its encoding is compared with R byte by byte.
+ * Monocypher's arithmetic computes the point sB - hA. The point's encoding must equal R byte by byte.
  *
- * Monocypher's own check allows a difference of small order between both sides of the equation. Its tables take half a
- * KiB of the stack. This code processes both scalars bit by bit, with one table entry for each point.
+ * Monocypher's own check allows a difference of small order between both sides of the equation, and its tables take
+ * half a KiB of the stack. This code processes both scalars bit by bit, with one table entry for each point.
  */
 #if defined(__GNUC__)
 #pragma GCC diagnostic push

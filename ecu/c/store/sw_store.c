@@ -17,7 +17,7 @@ static int is_blank(const sw_store *store, uint32_t address)
     return all == 0xffu;
 }
 
-/* Returns the offset at which writing can continue, possibly the start of a sector; SW_NO_OFFSET if there is none. */
+/* Returns the offset at which writing can continue, possibly a sector's start; SW_NO_OFFSET if it cannot continue. */
 static uint32_t begin_again(const sw_store *store, uint32_t slot)
 {
     const sw_slot_state *standing = &store->state.slots[slot];
@@ -25,7 +25,7 @@ static uint32_t begin_again(const sw_store *store, uint32_t slot)
     if (standing->received == standing->length) return standing->received;
     for (uint32_t at = begin; at < standing->length; at += WORD) {
         if (!is_blank(store, sw_slots_address(slot) + at)) {
-            /* A word can be written only once, so a sector that contains an unknown word must be erased. */
+            /* A word can be written only once, so a sector with a word of unknown content must be erased. */
             const uint32_t sector = standing->received / SW_FLASH_SECTOR * SW_FLASH_SECTOR;
             return sector > 0u ? sector : SW_NO_OFFSET;
         }
@@ -82,7 +82,7 @@ static uint32_t writable_slot(const sw_store *store)
     return 1u - running;
 }
 
-/* Drafts the state in which the slot is empty; the other slot is then active if its release is confirmed. */
+/* Drafts the state in which the slot is empty. The other slot is active in this state if its release is confirmed. */
 static sw_store_state *without(sw_store *store, uint32_t slot)
 {
     sw_store_state *next = sw_state_draft(store);
@@ -113,7 +113,7 @@ void sw_store_drop(sw_store *store)
     store->announced = SW_NO_SLOT;
 }
 
-/* Announces the image for the slot. The slot's memory after the received bytes is now writable. */
+/* Ends the announcement of an image: the slot's memory after the received bytes is now writable. */
 static sw_store_result announced(sw_store *store)
 {
     const sw_slot_state *announced_slot = &store->scratch.next.slot;
@@ -149,7 +149,7 @@ sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_
         next->received = wanted;
         return announced(store);
     }
-    /* The changed state is stored before the erasure. It counts only the bytes that are not erased. */
+    /* The state is stored before the erasure, and counts only the bytes that the erasure keeps. */
     sw_store_state *state = without(store, slot);
     if (wanted != SW_NO_OFFSET) {
         next->received = wanted;
@@ -161,8 +161,8 @@ sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_
     return SW_STORE_MORE;
 }
 
-/* Appends a part of the bytes, and counts them in the draft of the state, in the scratch memory. The draft is stored
- * when the last part is written; only then do the bytes count as received.
+/* Writes a part of the bytes, and counts them in the draft of the state (in the scratch memory). After the last part
+ * the draft is stored; from then on the bytes count as received.
  */
 static sw_store_result appended(sw_store *store)
 {

@@ -3,14 +3,14 @@
  *
  *     announce, append .., finish     write an image into the slot that is not protected, and check it in flash
  *     activate                        lets the image boot from the next reset on, at most SW_TRIAL_BOOTS times
- *     confirm                         keeps the image; the least security version rises to the image's version
- *     revert                          lets the previous release boot again
+ *     confirm                         ends the trial; the least security version rises to the image's version
+ *     revert                          lets the previous release boot at the next reset
  *
- * A power loss may interrupt any call. The next boot then finds a valid image from the stored state, if there was a
- * valid image before. The code is freestanding, without allocation or static state. Long work is done in parts: after
+ * A power loss may interrupt any call. If there was a valid image before, the next boot then finds a valid image from
+ * the stored state. The code is freestanding, without allocation or static state. Long work is done in parts: after
  * SW_STORE_MORE, call sw_store_go_on until it returns another result. The calls above, sw_store_boot and sw_store_drop
- * first discard such work and wait for a running erasure. While sw_store_is_erasing, call only sw_store_go_on and the
- * functions that read state, facts and report.
+ * first discard unfinished work and wait for a running erasure. While sw_store_is_erasing, call only sw_store_go_on and
+ * the functions that read state, facts and report.
  */
 #ifndef SW_STORE_H
 #define SW_STORE_H
@@ -44,7 +44,7 @@ typedef enum {
     SW_PHASE_FILLING = 1,   /* the image is announced; its first `received` bytes are stored */
     SW_PHASE_CHECKED = 2,   /* the image is complete and valid */
     SW_PHASE_TRIAL = 3,     /* the image boots from the next reset on, boots_left times */
-    SW_PHASE_CONFIRMED = 4, /* the image was confirmed: its release runs now, or ran before the running release */
+    SW_PHASE_CONFIRMED = 4, /* the image was confirmed; its release runs now, or ran before the running release */
     SW_PHASE_BAD = 5        /* the image is never booted */
 } sw_phase;
 
@@ -77,7 +77,7 @@ typedef struct {
 
 typedef enum { SW_WORK_NONE = 0, SW_WORK_CLEAR, SW_WORK_APPEND, SW_WORK_FINISH, SW_WORK_REVERT } sw_work;
 
-/* The scratch memory for reading an image, or for changing the state. A changed state is in force once it is stored. */
+/* The scratch memory for reading an image, or for changing the state. A changed state is in force when it is stored. */
 typedef union {
     struct {
         sw_sha256 whole, payload;
@@ -89,7 +89,7 @@ typedef union {
     } next;
 } sw_scratch;
 
-/* Returns whether the build can run an image in the flash that has passed all other checks. */
+/* Returns whether the build can run an image in the flash. The image has passed all other checks. */
 typedef int (*sw_store_opens)(const uint8_t *image);
 
 typedef struct {
@@ -98,7 +98,7 @@ typedef struct {
     sw_store_opens opens;
     sw_records records;
     sw_store_state state;            /* the stored state; callers may only read it */
-    uint8_t keys[SW_KEY_LIST_BYTES]; /* the signed key list; zeros: the ECU has none and accepts no release */
+    uint8_t keys[SW_KEY_LIST_BYTES]; /* the signed key list; zeros: there is no list, and the ECU accepts no release */
     uint8_t reason;      /* sw_boot_reason of the last boot */
     uint8_t verdicts[2]; /* sw_verdict of the last boot; SW_VERDICT_NONE: slot not checked */
     uint8_t running;     /* the booted slot, until its image is overwritten; or SW_NO_SLOT */
@@ -115,7 +115,7 @@ typedef struct {
 /* Finds the stored records after power-on. The arguments must stay valid while the store is used. */
 void sw_store_open(sw_store *store, const sw_flash *flash, const sw_rules *rules, sw_store_opens opens);
 
-/* Chooses an image and checks it completely; a boot on trial is counted first. One or two images are checked. */
+/* Chooses an image and checks it completely. Counts a boot on trial first. If one image fails, checks the other. */
 void sw_store_boot(sw_store *store);
 
 /* Returns the booted image's address in the flash, or NULL. This address is valid until the slot is announced again. */
@@ -149,7 +149,7 @@ void sw_store_drop(sw_store *store);
 sw_store_result sw_store_activate(sw_store *store); /* errors: OUT_OF_ORDER, BAD_MEMORY */
 sw_store_result sw_store_confirm(sw_store *store);  /* errors: OUT_OF_ORDER, BAD_MEMORY */
 
-/* Lets the earlier release boot at the next reset. store->verdict is then GOOD, or the reason why it may not run. */
+/* Lets the earlier release boot at the next reset. store->verdict is then GOOD, or why the release may not run. */
 sw_store_result sw_store_revert(sw_store *store); /* errors: OUT_OF_ORDER, BAD_MEMORY */
 
 /* Replaces the key list by a list that the root key signed. Errors: BAD_KEYS, BAD_MEMORY. */
@@ -161,7 +161,7 @@ sw_store_result sw_store_keep_calibration(sw_store *store, const uint8_t *data, 
 /* Returns the length of the running release's stored calibration, or 0. Copies it if it has at most `room` bytes. */
 uint32_t sw_store_calibration(const sw_store *store, uint8_t *data, uint32_t room);
 
-/* Returns whether the state can be stored now: not while the jets run and the sector is full. */
+/* Returns whether the state can be stored now. It cannot while the jets run and the sector is full. */
 int sw_store_has_room(const sw_store *store);
 
 /* Read and store the number of consecutive wrong keys at a security level (0x01 programming, 0x03 calibration). Errors:
@@ -170,8 +170,8 @@ int sw_store_has_room(const sw_store *store);
 uint8_t sw_store_failed_attempts(const sw_store *store, uint8_t level);
 sw_store_result sw_store_keep_failed_attempts(sw_store *store, uint8_t level, uint32_t count);
 
-/* Read and store the record of the fault memory, of at most SW_MAX_RECORD bytes. sw_store_faults copies the record into
- * `room` bytes and returns its length, or 0 if no record exists or fits. Errors: OUT_OF_RANGE, BAD_MEMORY.
+/* Read and store the record of the fault memory, of at most SW_MAX_RECORD bytes. sw_store_faults copies a record of at
+ * most `room` bytes and returns its length, or 0 if there is no such record. Errors: OUT_OF_RANGE, BAD_MEMORY.
  */
 uint32_t sw_store_faults(const sw_store *store, uint8_t *data, uint32_t room);
 sw_store_result sw_store_keep_faults(sw_store *store, const uint8_t *data, uint32_t length);
@@ -186,7 +186,7 @@ uint32_t sw_store_received(const sw_store *store);
 
 #define SW_NO_OFFSET 0xffffffffu
 
-/* sw_store_kept.c: the state, and a copy in the scratch memory that can be changed and then stored. */
+/* sw_store_kept.c: the state, and its draft: a copy in the scratch memory that can be changed and then stored. */
 void sw_state_open(sw_store *store);
 void sw_state_empty_slot(sw_slot_state *slot);
 sw_store_state *sw_state_draft(sw_store *store);

@@ -1,5 +1,5 @@
-/* The images in the flash: the checks of an image, the choice of the image to boot, and the report for testers. The
- * file corresponds to store.py, report.py (with the layout) and `judged` in remembered.py in can_bridge/flashing.
+/* The images in the flash: the checks of an image, the choice of the image to boot, and the report for testers. It
+ * corresponds to store.py, report.py (which has the layout) and `judged` of remembered.py in can_bridge/flashing.
  */
 #include "sw_store.h"
 
@@ -57,7 +57,7 @@ sw_verdict sw_judge_end(sw_store *store)
     const sw_verdict verdict = sw_release_judge(store->scratch.image.header, standing->length, payload, store->keys,
                                                 store->rules, store->state.least_security_version);
     if (verdict != SW_VERDICT_GOOD) return verdict;
-    /* The image is now read in place, as it will run. All its words were readable when the hash was computed. */
+    /* The image is now read in place, where it will run. The hash has shown that all words are readable. */
     const uint8_t *image = &store->flash->memory[sw_slots_address(store->slot)];
     return store->opens(image) ? SW_VERDICT_GOOD : SW_VERDICT_WRONG_BUILD;
 }
@@ -66,7 +66,7 @@ static sw_verdict judged(sw_store *store, uint32_t slot)
 {
     sw_judge_begin(store, slot);
     while (sw_judge_go_on(store)) {
-        /* Before control begins, no pause is needed between the parts. */
+        /* Before control begins, the parts follow each other without a pause. */
     }
     return sw_judge_end(store);
 }
@@ -143,7 +143,7 @@ const uint8_t *sw_store_image(const sw_store *store)
 /* --- Report --- */
 
 #define HEAD 18u
-#define SLOT 49u /* number of bytes of a slot before its name */
+#define SLOT 49u /* number of bytes of a slot in the report before its name */
 
 static uint32_t next_boot(const sw_store_state *state)
 {

@@ -1,13 +1,13 @@
-/* The data that survive a power loss. The record of the slots comes first. It begins with the bytes of the record in
- * can_bridge/flashing/state.py. Each slot's bytes after its last complete word follow, because they cannot be written
- * to the slot yet.
+/* The data that survive a power loss. The record of the slots comes first. This record begins with the bytes of the
+ * record in can_bridge/flashing/state.py. Each slot's bytes after its last complete word follow, because only complete
+ * words can be written to a slot.
  */
 #include "sw_store.h"
 
 #include "sw_bytes.h"
 
 #define MAGIC 4u
-#define SLOT 112u /* number of bytes of a slot before its name */
+#define SLOT 112u /* number of bytes of a slot in the record before its name */
 #define REST 7u
 #define CRC 4u
 #define MOST_BYTES (MAGIC + 2u * (SLOT + SW_NAME_BYTES) + REST + CRC + 2u * SW_FLASH_WORD)
@@ -91,7 +91,7 @@ static int is_sound(const sw_store_state *state)
     return state->active == SW_NO_SLOT || (state->active < 2u && state->slots[state->active].phase == SW_PHASE_CONFIRMED);
 }
 
-/* Reads a record; returns 0 if it is invalid. The record is checked because it decides which image boots. */
+/* Reads a record; returns 0 if it is invalid. It must be checked, because it decides which image boots. */
 static int decoded(const uint8_t *data, uint32_t length, sw_store_state *state)
 {
     uint32_t at = MAGIC;
@@ -236,7 +236,7 @@ static int is_before(const uint8_t one[DIGEST], const uint8_t other[DIGEST])
     return one[i] < other[i];
 }
 
-/* Returns the length of a release's calibration, and writes its offset; 0 if it is missing or the record is invalid. */
+/* Returns the length of a release's calibration, and writes its offset; 0 if there is none or the record is invalid. */
 static uint32_t found(const sw_store *store, const uint8_t digest[DIGEST], uint32_t *place)
 {
     uint8_t data[ENTRY], before[DIGEST];
@@ -261,7 +261,7 @@ static uint32_t found(const sw_store *store, const uint8_t digest[DIGEST], uint3
     return at == sw_records_length(&store->records, SW_RECORD_CALIBRATION) ? own : 0u;
 }
 
-/* Finds a release's calibration like `found`; also returns 0 if the calibration cannot be read. */
+/* Finds a release's calibration like `found`, but also returns 0 if the calibration cannot be read. */
 static uint32_t readable(const sw_store *store, const uint8_t digest[DIGEST], uint32_t *place)
 {
     uint8_t data[DIGEST];
@@ -289,7 +289,7 @@ static void fill_head(uint8_t head[ENTRY], const uint8_t digest[DIGEST], uint32_
     head[DIGEST + 1u] = (uint8_t)length;
 }
 
-/* The record has the calibrations of the stored releases, each with the digest of its release. */
+/* Stores the record of calibrations: a calibration for each stored release, with the release's digest. */
 sw_store_result sw_store_keep_calibration(sw_store *store, const uint8_t *data, uint32_t length)
 {
     uint8_t head[HEAD], own_head[ENTRY], other_head[ENTRY];

@@ -1,5 +1,5 @@
-/* The control step on a bare Cortex-M7. For each row, a test bench or a bus driver fills mcu_row. Until the window is
- * full, it then calls mcu_push; afterwards it calls mcu_step and reads mcu_output.
+/* The control step on a bare Cortex-M7. For each row, a test bench or a bus driver writes mcu_row and calls mcu_push.
+ * From the row that fills the window on, it calls mcu_step instead, and reads mcu_output.
  */
 #include <stddef.h>
 
@@ -18,7 +18,7 @@ static sw_workspace workspace;
 
 extern unsigned char mcu_hot_start[], mcu_hot_end[], mcu_hot_load[];
 
-/* Copies the constants that every step reads into data TCM, then resets the input. */
+/* Copies to data TCM the constants that every step reads, then resets the input. */
 void mcu_reset(void)
 {
     memcpy(mcu_hot_start, mcu_hot_load, (size_t)(mcu_hot_end - mcu_hot_start));
@@ -39,7 +39,7 @@ int mcu_step(void)
     return (int)status;
 }
 
-/* Steps with a weight that the prior does not support, so that all iterations run. */
+/* Runs a step with a weight that the prior does not support, so that all iterations run. */
 int mcu_longest_step(void)
 {
     mcu_input.weights[SW_RATE] += 1e-6f;

@@ -1,4 +1,4 @@
-/* Counts the basic blocks that an emulated core executes. This hook of Unicorn is called about a million times per
+/* Counts the basic blocks that an emulated core executes. Unicorn calls this hook about a million times per control
  * step. The hook runs on the host, inside the emulator.
  */
 #include <stdint.h>
@@ -6,8 +6,8 @@
 typedef struct {
     uint64_t origin; /* first address of the memory with the code */
     uint64_t places; /* number of half-words of this memory */
-    uint64_t *counts; /* number of executions of the block that begins at a half-word */
-    uint32_t *sizes;  /* length in bytes of the latest block that began there */
+    uint64_t *counts; /* number of executions of blocks that begin at this half-word */
+    uint32_t *sizes;  /* length in bytes of the latest block that began at this half-word */
 } block_counts;
 
 void count_block(void *core, uint64_t address, uint32_t size, void *counts);

@@ -18,5 +18,5 @@ def test_it_begins_before_control_and_counts_from_the_drag_there_or_is_refused(s
     with pytest.raises(ConfigError, match="does not show the beginning of control"):
         story_of(log, begin=log.series["t"][61])
     for enabled_at in (0, 6):
-        with pytest.raises(ConfigError, match="no time without control before time with it"):
+        with pytest.raises(ConfigError, match="must begin without control and continue with control"):
             story_of(log_of(enabled_at=enabled_at))

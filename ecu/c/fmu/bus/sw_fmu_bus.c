@@ -30,7 +30,7 @@ enum { BIT_ERROR = 1, ACK_ERROR = 5, BROKEN_ERROR_FRAME = 6 };
 enum { PRIMARY = 1, SECONDARY = 2 };
 
 #define HEADER 8u
-#define SAME_NS 100 /* times that differ by less are treated as equal; 100 ns is shorter than a bit at 8 Mbit/s */
+#define SAME_NS 100 /* times with a smaller difference count as equal; 100 ns is less than a bit at 8 Mbit/s */
 
 /* --- Operations to be sent --- */
 
@@ -67,7 +67,7 @@ static void put_frame(fmu_side *side, const sw_frame *frame)
     if (place == NULL) return;
     put_number(place, frame->id, 4);
     place[4] = frame->is_extended;
-    place[5] = frame->is_fd; /* bit rate switch on (CAN FD), or no remote frame (CAN) */
+    place[5] = frame->is_fd; /* CAN FD: the bit rate switches; CAN: no remote frame */
     if (frame->is_fd) place[6] = side->status == ERROR_PASSIVE;
     put_number(place + before - 2, frame->length, 2);
     (void)memcpy(place + before, frame->data, frame->length);
@@ -160,7 +160,7 @@ static int is_length(uint32_t length, int is_fd)
     return length <= 8 || (is_fd && is_coded);
 }
 
-/* Processes a frame from another node; returns 0 for an impossible frame. `bytes` is the length of the arguments. */
+/* Processes a frame from another node, with `bytes` bytes of arguments. Returns 0 if such a frame cannot exist. */
 static int take_frame(fmu_side *side, const uint8_t *arguments, uint32_t bytes, int is_fd)
 {
     const uint32_t before = is_fd ? 9 : 8;
@@ -169,7 +169,7 @@ static int take_frame(fmu_side *side, const uint8_t *arguments, uint32_t bytes, 
     if (bytes != before + length || !is_length(length, is_fd)) return 0;
     if (!is_bool(arguments[4]) || !is_bool(arguments[5]) || (is_fd && !is_bool(arguments[6]))) return 0;
     if (id > (arguments[4] ? 0x1fffffffu : 0x7ffu)) return 0;
-    /* A bus-off controller receives nothing, a classic controller no CAN FD frames. Remote frames have no data. */
+    /* A bus-off controller receives no frames. A classic one receives no CAN FD frames. Remote frames have no data. */
     if (side->health.is_bus_off || (is_fd && !SW_FRAMES_FD) || (!is_fd && arguments[5])) return 1;
     uint32_t *errors = &side->health.rx_errors;
     if (*errors > 0) *errors = *errors > 127 ? 127 : *errors - 1;
@@ -212,12 +212,12 @@ static int take_operation(fmu_memory *kept, uint32_t code, const uint8_t *argume
     case STATUS_OPERATION: return bytes == 1;
     case WAKEUP: return bytes == 0;
     case CONFIGURATION: return bytes >= 2;
-    case FORMAT_ERROR: return 1; /* a format error gets no answer, so that two nodes never answer each other */
+    case FORMAT_ERROR: return 1; /* no answer, so that two nodes do not report format errors to each other endlessly */
     default: return 0;
     }
 }
 
-/* Processes all operations. An operation with a wrong length makes the following operations unreadable. */
+/* Processes all operations. After an operation with a wrong length, further operations cannot be read. */
 void fmu_take_operations(fmu_memory *kept)
 {
     fmu_side *side = &kept->side;
@@ -268,7 +268,7 @@ int fmu_received(fmu_memory *kept, sw_frame frames[FMU_MOST_FRAMES], sw_surround
 void fmu_sent(fmu_memory *kept, const sw_frame *frames, int count)
 {
     fmu_side *side = &kept->side;
-    put_answers(side); /* sends the previous step's frames if both steps are in one communication step */
+    put_answers(side); /* sends the previous step's frames if two steps are in one communication step */
     if (side->health.is_bus_off) return;
     (void)memcpy(side->answers, frames, (size_t)count * sizeof *frames);
     side->waiting = count;

@@ -7,7 +7,7 @@
 /* Processes all operations of Rx_Data, and answers the operations that have a wrong format. */
 void fmu_take_operations(fmu_memory *kept);
 
-/* Returns the time in ns until Tx_Clock ticks: 0 if an operation waits, otherwise until the next frames are ready. */
+/* Returns the time in ns until Tx_Clock ticks: 0 if an operation waits, otherwise the time until frames are ready. */
 uint64_t fmu_interval_ns(const fmu_memory *kept);
 
 #endif

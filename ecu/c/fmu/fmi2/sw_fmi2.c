@@ -214,7 +214,7 @@ SW_EXPORT fmi2Status fmi2SetBoolean(REFERENCES, const fmi2Boolean values[])
     return status;
 }
 
-/* Functions that every binary must have, but that this binary does not support. */
+/* Functions that every binary must have, although this binary does not support them. */
 #define NONE_OF(NAME, ...) \
     SW_EXPORT fmi2Status fmi2##NAME(REFERENCES, __VA_ARGS__) { return count == 0 ? fmi3OK : fmi3Error; }
 #define REFUSED(NAME, ...) \

@@ -1,6 +1,6 @@
 /* The front end of the plant's FMU. The front end is in C, and the plant's model is in Python. The front end checks the
- * order of calls, references, numbers and times. Only valid calls reach pythonfmu3's binary in the same folder, because
- * every error in Python is fatal there.
+ * order of calls, references, numbers and times. It passes only valid calls to pythonfmu3's binary in the same folder,
+ * where every error in Python is fatal.
  */
 #define _GNU_SOURCE /* for dladdr */
 #include <dlfcn.h>
@@ -117,7 +117,7 @@ SW_EXPORT void fmi3FreeInstance(fmi3Instance fmu)
     free(found);
 }
 
-/* Enters the mode to which a call leads, unless the call failed. */
+/* Enters the mode that follows a call, unless the call failed. */
 static fmi3Status led_to(instance *found, fmi3Status status, uint32_t mode)
 {
     if (status <= fmi3Warning) found->kept.mode = mode;

@@ -37,9 +37,9 @@ static int32_t nearest(double value, int32_t least, int32_t most, int32_t otherw
     return found >= least && found <= most ? found : otherwise;
 }
 
-/* Converts an age in s to units of its signal. The age is rounded to the nearest unit. In the classic set the units are
- * coarse, so the age is rounded up: no pressure then looks fresher than it is. An age out of range, or NaN, becomes the
- * largest value.
+/* Converts an age in s to units of its signal. For CAN FD the age is rounded to the nearest unit. The units of the
+ * classic set are coarse, so the age is rounded up: no pressure then looks fresher than it is. NaN and too large ages
+ * become the largest value.
  */
 static int32_t age_steps(double seconds)
 {

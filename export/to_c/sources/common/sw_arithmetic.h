@@ -3,8 +3,8 @@
  * The check detects sums and products in another order, divisions replaced by products, more digits than the type has,
  * small numbers taken as zero, the assumption that numbers are never NaN or infinite, zeros without a sign, and
  * rounding other than to the nearest. The cause may be the compiler or the processor's present mode. The inputs are
- * unknown to the compiler, so that it treats this code like all other code with these flags. sw_compiler.h rejects the
- * cases that a macro shows.
+ * unknown to the compiler, so that it compiles this code like all other code. sw_compiler.h rejects the flags that a
+ * predefined macro shows.
  */
 #ifndef SW_ARITHMETIC_H
 #define SW_ARITHMETIC_H
@@ -20,10 +20,10 @@ static inline float sw_unknown(float value)
 /* Returns 0 if the number has these bits. */
 static inline uint32_t sw_other(float value, uint32_t bits) { return sw_to_bits(value) ^ bits; }
 
-/* Returns 0 if the number is within a few units in the last place of these bits, as fused operations may cause. */
+/* Returns 0 if the number differs from these bits by at most a few units in the last place, as fusing may cause. */
 static inline uint32_t sw_far(float value, uint32_t bits) { return (sw_to_bits(value) - bits + 4u) & ~7u; }
 
-/* Returns whether products are added without rounding: a product that rounds to 1, minus 1, is then not 0. */
+/* Returns whether products are added without rounding. A product that would round to 1, minus 1, is then not 0. */
 static inline int sw_float_fused(void)
 {
     const float one = sw_unknown(1.0f), above = sw_unknown(1.00012207f), below = sw_unknown(0.99987793f);
@@ -31,7 +31,7 @@ static inline int sw_float_fused(void)
     return product - one != 0.0f || above * below - one != 0.0f;
 }
 
-/* Returns 0 if all results are correct. The control step allows contraction; it changes none of these results. */
+/* Returns 0 if all results are correct. The control step allows contraction, which changes none of these results. */
 static inline uint32_t sw_float_wrong(void)
 {
     const float one = sw_unknown(1.0f), three = sw_unknown(3.0f), five = sw_unknown(5.0f), seven = sw_unknown(7.0f);

@@ -1,5 +1,5 @@
-/* This header rejects compiler flags whose arithmetic would make control wrong, if predefined macros show the flags. A
- * known answer detects the other cases (sw_arithmetic.h). GCC and Clang each predefine some of these macros.
+/* This header rejects compiler flags that change arithmetic so that control would be wrong, if predefined macros show
+ * them. A known answer detects the other flags (sw_arithmetic.h). GCC and Clang each predefine some of these macros.
  */
 #ifndef SW_COMPILER_H
 #define SW_COMPILER_H
@@ -21,8 +21,8 @@
 #endif
 #endif
 
-/* These macros unroll the following loop on a Cortex-M, so that compilers interleave the passes of the loop: the core
- * issues two instructions at a time, in order.
+/* These macros unroll the following loop on a Cortex-M, so that compilers interleave the passes of the loop. The core
+ * issues two instructions at a time, but only in order.
  */
 #if defined(__ARM_FEATURE_DSP) && defined(__thumb2__) && defined(__clang__)
 #define SW_FOUR_TIMES _Pragma("clang loop unroll_count(4)")
@@ -35,7 +35,7 @@
 #define SW_EIGHT_TIMES
 #endif
 
-/* Loads four numbers before the following statements: a Cortex-M cannot use a number in the cycle after its load. */
+/* Loads four numbers before the following statements, as a Cortex-M cannot use a number in the cycle after its load. */
 #if defined(__ARM_FEATURE_DSP) && defined(__thumb2__) && defined(__GNUC__)
 #define SW_LOADED(a, b, c, d) __asm__("" : "+t"(a), "+t"(b), "+t"(c), "+t"(d))
 #else

@@ -1,5 +1,5 @@
-/* Checks for finite numbers; exp, tanh, the logistic function and the square root. They have no branches, so that
- * compilers can vectorise loops. Tests check the stated error bounds over all arguments in a controller.
+/* Checks for finite numbers; exp, tanh, the logistic function and the square root. The functions have no branches, so
+ * that compilers can vectorise loops. Tests check the stated error bounds for all arguments that a controller uses.
  */
 #ifndef SW_MATH_H
 #define SW_MATH_H
@@ -42,16 +42,16 @@ static inline int sw_all_finite(const float *values, int count)
     return finite;
 }
 
-/* Returns exp(x) with a relative error of at most 1.5e-7 for -87 <= x <= 88; outside, returns exp of the nearer limit.
- * With x = n ln 2 + r and |r| <= ln 2 / 2, exp(r) is 1 + r + r^2 q(r); q is fitted for the smallest maximum error.
+/* Returns exp(x) with a relative error of at most 1.5e-7 for -87 <= x <= 88; otherwise exp of the nearer limit. With x
+ * = n ln 2 + r and |r| <= ln 2 / 2, exp(x) is 2^n (1 + r + r^2 q(r)); q is fitted for the smallest maximum error.
  */
 static inline float sw_exp(float x)
 {
-    const float magic = 12582912.0f; /* 1.5 * 2^23: adding it rounds the sum to an integer, in its low bits */
+    const float magic = 12582912.0f; /* 1.5 * 2^23: a sum with it is rounded; its low bits are the integer */
     const float held = sw_min(sw_max(x, -87.0f), 88.0f);
     const float shifted = held * 1.44269504f + magic;
     const float n = shifted - magic;
-    /* The code splits ln 2 into two parts; the first part has so few digits that its product with n is exact. */
+    /* ln 2 is the sum of two parts. The first part has so few digits that its product with n is exact. */
     const float r = (held - n * 0.693359375f) + n * 2.12194440e-4f;
     float q = 1.38145406e-3f;
     q = q * r + 8.36874545e-3f;

@@ -9,16 +9,16 @@ struct sw_workspace;
 /* Computes the latent state, work->z, from a window. */
 void sw_encode(struct sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS]);
 
-/* Computes work->latents, the states that follow from work->z under work->plan; writes the tape for the adjoint. */
+/* Computes work->latents, the states that follow work->z under work->plan. Stores the data for the adjoint. */
 void sw_roll_out(struct sw_workspace *work);
 
-/* Computes work->forces from work->latents; writes the tape for the adjoint. */
+/* Computes work->forces from work->latents. Stores the data for the adjoint. */
 void sw_decode(struct sw_workspace *work);
 
-/* Computes work->d_latents, dJ/d(latent states) through the forces alone, from work->d_forces. */
+/* Computes work->d_latents from work->d_forces: dJ/d(latent states), through the forces alone. */
 void sw_decode_adjoint(struct sw_workspace *work);
 
-/* Adds to work->gradient the effect of each action through the latent states. */
+/* Adds to work->gradient the derivative of J by each action through the latent states. */
 void sw_roll_out_adjoint(struct sw_workspace *work);
 
 #endif

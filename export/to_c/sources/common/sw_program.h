@@ -1,8 +1,8 @@
 /* The addresses of a trained program's parameters: compiled in, or in an image on flash that is read in place.
  *
  * The parameters are structures without pointers, laid out as in sw_weights.h, so they may be at any address that is
- * aligned to SW_ALIGNMENT bytes. `hot` may be in faster memory than the other structures, because every step of every
- * roll-out reads `hot` completely.
+ * aligned to SW_ALIGNMENT bytes. `hot` may be in faster memory than the other structures, because every step of a
+ * roll-out reads all of `hot`.
  */
 #ifndef SW_PROGRAM_H
 #define SW_PROGRAM_H
@@ -12,11 +12,11 @@
 /* Number of columns of the window: the sensors, then the action. */
 #define SW_COLUMNS (SW_SENSORS + 1)
 
-/* A length rounded up to whole registers, or to whole pairs of words for int8 weights. The padding is zero. */
+/* A length rounded up to full registers or, for int8 weights, to full pairs of words. The padding is zero. */
 #define SW_PADDED(n) (((n) + SW_LANES - 1) / SW_LANES * SW_LANES)
 
-/* Tables are aligned to SW_ALIGNMENT bytes if the compiler supports alignment. SW_ALIGNMENT is the size of a cache line
- * or, on a Cortex-M, of the words that the products load whole. Images need a compiler that supports alignment.
+/* Tables are aligned to SW_ALIGNMENT bytes if the compiler supports alignment. SW_ALIGNMENT is the size of a cache
+ * line, or for int8 the size of a vector register. Images need a compiler that supports alignment.
  */
 #if defined(__GNUC__)
 #define SW_ALIGNED __attribute__((aligned(SW_ALIGNMENT)))

@@ -1,4 +1,4 @@
-/* The decoder: (Cd, Cl) = f_dec(z) for all steps of the horizon, and its adjoint. Each step has its own norms. */
+/* The decoder: (Cd, Cl) = f_dec(z) for all steps of the horizon, and its adjoint. Each step has separate norms. */
 #include "sw_kernels.h"
 #include "sw_math.h"
 #include "sw_networks.h"

@@ -2,7 +2,7 @@
  * because every inner loop runs over independent sums.
  *
  * Vectors are padded to whole registers (SW_LANES) with zeros. Matrices are rows of such vectors. Forward pass and
- * adjoint use the same copy of a matrix: one uses sw_combine, and the other uses sw_dots.
+ * adjoint use the same copy of a matrix: one calls sw_combine, and the other calls sw_dots.
  */
 #ifndef SW_KERNELS_H
 #define SW_KERNELS_H
@@ -33,7 +33,7 @@ static inline void sw_combine(float *restrict y, const float *restrict start, co
 #error "sw_lane_sum adds up 16 numbers"
 #endif
 
-/* Returns the sum of SW_LANES numbers. Repeatedly adds one half of the numbers to the other half. */
+/* Returns the sum of SW_LANES numbers, by repeatedly adding one half of the numbers to the other half. */
 static inline float sw_lane_sum(float lanes[SW_LANES])
 {
     for (int j = 0; j < 8; j++) lanes[j] += lanes[j + 8];
@@ -71,8 +71,8 @@ static inline void sw_dots(float *restrict y, const float *restrict w, const flo
 }
 
 /* Computes y[o][t] += sum over i of w(o, i) x[i][t] for every output o and every step t of the horizon. w(o, i) = w[o
- * stride_o + i stride_i], so that one copy gives the matrix or its transpose. The steps of the horizon fill the
- * registers. Four outputs at a time share the loads of x.
+ * stride_o + i stride_i], so that one copy serves as the matrix and as its transpose. A register holds several steps of
+ * the horizon. Four outputs at a time share the loads of x.
  */
 static inline void sw_product(float *restrict y, const float *restrict w, int stride_o, int stride_i,
                               const float *restrict x, int outputs, int inputs)

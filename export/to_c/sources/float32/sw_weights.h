@@ -20,7 +20,7 @@ typedef struct sw_weights {
     SW_ALIGNED float force_std[2];
     SW_ALIGNED float action_limit; /* largest magnitude of an action, in U_inf W */
 
-    /* Encoder. LSTM gates are in the order i, f, g, o; the rows of its matrix are the inputs, then the hidden state. */
+    /* Encoder. LSTM gates are in the order i, f, g, o. The LSTM matrix has rows for inputs, then hidden state. */
     SW_ALIGNED float lstm_weight[SW_SENSORS + 1 + SW_LSTM][SW_CELLS];
     SW_ALIGNED float lstm_bias[SW_CELLS];
     SW_ALIGNED float encoder_gain[SW_LSTM_P];

@@ -1,4 +1,4 @@
-/* The scratch memory of a control step. This structure is public only because the caller provides it. */
+/* The scratch memory of a control step. This structure is public only because the caller provides the memory. */
 #ifndef SW_WORKSPACE_H
 #define SW_WORKSPACE_H
 
@@ -12,7 +12,7 @@
 #define SW_DYN2_P SW_PADDED(SW_DYN2)
 #define SW_HORIZON_P SW_PADDED(SW_HORIZON)
 
-/* Numbers of the forward pass that the adjoint needs (sw_norm.h), and the forward pass's inputs. */
+/* The forward pass's results that the adjoint needs (sw_norm.h), and the forward pass's inputs. */
 typedef struct {
     float xhat1[SW_HORIZON][SW_DYN1_P];
     float slope1[SW_HORIZON][SW_DYN1_P];

@@ -4,7 +4,7 @@
 #include "sw_networks.h"
 #include "sw_norm.h"
 
-/* Functions marked CALLED are not inlined, because a copy for each call would take 2 KiB of flash. */
+/* Functions marked CALLED are not inlined: copies of them at each call would take 2 KiB of flash. */
 #if defined(__GNUC__)
 #define CALLED __attribute__((noinline))
 #else
@@ -29,7 +29,7 @@ static CALLED void multiply(sw_decoder_scratch *s, const int8_t *matrix, int row
     }
 }
 
-/* Saturates a layer's input. If its range is the full int16 range, the most negative integer is allowed, too. */
+/* Saturates a layer's input. A layer with the full int16 range also permits the most negative integer. */
 static inline int16_t held(int32_t value)
 {
     const int32_t qmax = SW_QMAX(SW_DECODER_P);
@@ -94,7 +94,7 @@ static CALLED void decode_steps(sw_workspace *work, int first, int count)
     }
 }
 
-/* Writes x + sums to both arrays. Returns their new unit: four times the coarser unit, so that no sum overflows. */
+/* Writes x + sums to both arrays. Returns their new unit, four times the coarser unit, so that no sum overflows. */
 static float add_adjoints(int32_t *restrict x, float unit, int32_t *restrict sums, float unit_of_sums)
 {
     const float coarser = 4.0f * sw_fmax(unit, unit_of_sums);
@@ -108,7 +108,7 @@ static float add_adjoints(int32_t *restrict x, float unit, int32_t *restrict sum
     return coarser;
 }
 
-/* Converts x times the first layer's row scales to int16, as finely as the largest product allows. Returns the unit. */
+/* Converts x times the first layer's row scales to int16, in the finest possible unit. Returns this unit. */
 static float round_adjoints(int16_t *restrict vector, int32_t *restrict x, float unit, const sw_weights *w)
 {
     uint32_t bits = 0;

@@ -1,21 +1,21 @@
 /* The products of int8 matrices with int16 vectors, in 32-bit sums.
  *
  * The product is y = w x. The rows of w are padded with zeros to a multiple of 4, and the columns to a multiple of 8. A
- * sum cannot overflow: each number of a vector of n numbers is within SW_QMAX(n).
+ * sum cannot overflow, because each number of a vector of n numbers is within SW_QMAX(n).
  *
  * Matrices are tiles of four rows by four columns; the tiles of the same rows are adjacent. A row's four weights are
- * one word, in the order 0, 2, 1, 3: sign-extending every second byte of a word then gives the weights of two
- * neighbours of the vector.
+ * one word, in the order 0, 2, 1, 3. Sign-extending every second byte of a word then gives the weights for two adjacent
+ * numbers of the vector.
  *
- * sw_dots takes one vector. sw_dots_two takes two vectors, and may extend a weight once for both. In memory, the
- * vectors and also their products are SW_APART numbers apart. The results are equal bit for bit on every processor.
+ * sw_dots takes one vector. sw_dots_two takes two vectors, and may sign-extend a weight once for both. The two vectors
+ * are SW_APART numbers apart, and so are their products. The results are equal bit for bit on every processor.
  */
 #ifndef SW_DOTS_H
 #define SW_DOTS_H
 
 #include "sw_integer.h"
 
-/* Largest number of columns of a matrix; a file with longer matrices defines it before including this header. */
+/* Largest number of columns of a matrix. A file with more columns defines this macro before including this header. */
 #ifndef SW_DOTS_COLUMNS
 #define SW_DOTS_COLUMNS SW_LONGEST
 #endif

@@ -1,4 +1,4 @@
-/* sw_dots.h for x86 processors with AVX2: one instruction multiplies and adds a tile's eight pairs of numbers. */
+/* sw_dots.h for x86 processors with AVX2: one instruction multiplies and adds the eight pairs of numbers of a tile. */
 #ifndef SW_DOTS_AVX2_H
 #define SW_DOTS_AVX2_H
 
@@ -6,7 +6,7 @@
 
 #include "sw_workspace.h"
 
-/* Number of tiles of four rows that share the loads of a vector. */
+/* Number of tiles, of four rows each, that share the loads of a vector. */
 #define SW_BESIDE 8
 
 /* Returns `sums` plus the products of a tile with four numbers of the vector in the tile's order. `sums` has two

@@ -1,8 +1,8 @@
 /* sw_dots.h for cores with the Arm DSP extension (Cortex-M4, M7, M33): an instruction adds two products to a sum.
  *
  * The loops are written in assembly, because compilers run out of registers in them. The instructions are ordered for
- * cores that issue two instructions at a time. Each loop needs thirteen registers. Values that are used once per pass
- * over the columns are on the stack.
+ * cores that issue two instructions at a time. Each loop needs thirteen registers. Values that are used only once per
+ * pass over the columns are on the stack.
  */
 #ifndef SW_DOTS_DSP_H
 #define SW_DOTS_DSP_H
@@ -12,7 +12,7 @@
 /* Instructions on one line belong to one operation. */
 /* clang-format off */
 
-/* Sign extension alternates with multiplication, and weights are loaded two rows ahead: the last loads read from the
+/* Sign extensions alternate with multiplications. Weights are loaded two rows ahead, so the last loads read from the
  * SW_AHEAD bytes that follow every matrix.
  */
 #define SW_ONE_TILE                                                                                        \
@@ -43,14 +43,14 @@
 
 /* clang-format on */
 
-/* Computes sw_dots for a multiple of sixteen columns. It is defined once, in sw_decoder.c: a copy takes 0.4 KiB. */
+/* Computes sw_dots for a multiple of sixteen columns. Only sw_decoder.c defines it, as a copy takes 0.4 KiB. */
 void sw_dots_sixteens(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows, int columns);
 
 static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
                            int columns)
 {
     int32_t wa, wb, xa, xb, t, u, count, bytes = 2 * columns, sixteens = columns / 16;
-    /* The compiler decides this branch, since sizes are constants. */
+    /* The compiler chooses the branch, since the sizes are constants. */
     if (columns % 16 == 0) {
         sw_dots_sixteens(y, w, x, rows, columns);
     } else if (columns == 8) {
@@ -62,7 +62,7 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
 
 /* clang-format off */
 
-/* Multiplies two rows of a tile by both vectors, x and z: eight multiplications, with other instructions between. */
+/* Multiplies two rows of a tile by both vectors, x and z: eight multiplications between other instructions. */
 #define SW_TWO_ROWS                                                                                          \
     "smlad %[s0], %[t], %[za], %[s0]\n" "ldr %[u], [%[w]], #12\n"                                           \
     "smlad %[s1], %[t], %[xa], %[s1]\n" "sxtb16 %[wa], %[wa], ror #8\n"                                     \
@@ -73,9 +73,9 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
     "smlad %[s2], %[u], %[zb], %[s2]\n" "ldrd %[za], %[zb], [%[x], %[apart]]\n"                             \
     "smlad %[s3], %[u], %[xb], %[s3]\n" "ldrd %[xa], %[xb], [%[x]], #8\n"
 
-/* Multiplies pairs of rows by both vectors; every second pair begins in the middle of a tile. The stack has y at 0, and
- * the number of rows left at 4. At 8 and 12 are the bytes by which w and x advance in a row of tiles, including loads
- * ahead. At 16 is the address of w after the last tile, and at 20 the alternating distance from there to the next pair.
+/* Multiplies pairs of rows by both vectors; every second pair begins in the middle of a tile. The stack has y at 0, the
+ * number of rows left at 4, the bytes by which w and x advance in a row of tiles (with loads ahead) at 8 and 12, the
+ * address of w after the last tile at 16, and the alternating distance from there to the next pair at 20.
  */
 #define SW_TWO_ROWS_TWICE(tiles)                                                                                 \
     __asm__ volatile("sub sp, #24\n" "strd %[s0], %[s1], [sp]\n" "strd %[s2], %[s3], [sp, #8]\n"           \

@@ -4,7 +4,7 @@
 #include "sw_networks.h"
 #include "sw_norm.h"
 
-/* Replaces each gate's sum by the logistic function of the gate's argument, or of twice the argument for the gate g. */
+/* Replaces each gate's sum by the logistic function of the gate's argument, and for gate g of twice the argument. */
 static void open_gates(sw_encoder_scratch *e, const sw_weights *w)
 {
     for (int c = 0; c < 4 * SW_LSTM_P; c += 8) {

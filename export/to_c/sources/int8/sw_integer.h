@@ -1,4 +1,4 @@
-/* The integers for activations: their range, and the rounding to such integers. */
+/* The integers that represent activations: their range, and the rounding of numbers to them. */
 #ifndef SW_INTEGER_H
 #define SW_INTEGER_H
 
@@ -15,7 +15,7 @@ static inline int16_t sw_rounded(float value)
     return (int16_t)(int32_t)(sw_to_bits(value + magic) - 0x4b400000u);
 }
 
-/* Returns the sum of two integers modulo 2^32; no exported program has numbers that overflow. */
+/* Returns the sum of two integers modulo 2^32. In exported programs no sum overflows. */
 static inline int32_t sw_sum(int32_t a, int32_t b) { return (int32_t)((uint32_t)a + (uint32_t)b); }
 
 /* Return the larger and the smaller of two numbers; if the first is NaN, both functions return the second number. */
@@ -50,7 +50,7 @@ static inline int32_t sw_scaled_on(int32_t start, int32_t factor, int16_t value)
 /* Truncates a number to an integer, limited to the range of integers. */
 static inline int32_t sw_cut(float value) { return (int32_t)sw_fmin(sw_fmax(value, -2147483648.0f), 2147483520.0f); }
 
-/* Returns a factor for sw_scaled, limited to the largest factor. */
+/* Returns a factor for sw_scaled, limited to the largest possible factor. */
 static inline int32_t sw_factor(float value) { return (int32_t)sw_fmin(value * 4294967296.0f, 2147483520.0f); }
 
 /* Converts a 64-bit sum to float without a library. */

@@ -4,9 +4,9 @@
  * stores xhat as int16, ELU' as uint8, and r; xhat cannot exceed sqrt(n) and so needs no calibration. Backwards, with t
  * = ELU'(y) gain dJ/dh, the adjoint is dJ/du = r (t - mean t - xhat mean(t xhat)), and ELU' = min(h, 0) + 1.
  *
- * A norm does not depend on its input's unit, so u is an integer in a unit of the layer. The unit is as fine as the
- * layer's largest sum allows. Only values that exist once per layer are float. Constants are grouped in eights, for
- * processors that take eight at a time. Padding has zeros for constants, so it has no effect.
+ * A norm does not depend on its input's unit, so u is an integer, and each layer has a unit for u, which is as fine as
+ * the layer's largest sum allows. Only values that exist once per layer are float. Constants are grouped in eights, for
+ * processors that process eight at a time. The constants of the padding are zero, so padding has no effect.
  */
 #ifndef SW_NORM_H
 #define SW_NORM_H
@@ -15,7 +15,7 @@
 #include "sw_tables.h"
 #include "sw_weights.h"
 
-/* Functions marked SW_ONCE are not inlined, because their unrolled loops would deepen the caller's stack. */
+/* Functions marked SW_ONCE are not inlined, because their unrolled loops would enlarge the caller's stack. */
 #if defined(__ARM_FEATURE_DSP) && defined(__thumb2__)
 #include "sw_norm_dsp.h"
 #define SW_ONCE static __attribute__((noinline, unused))
@@ -38,8 +38,8 @@ static inline float sw_norm_elu(int32_t *restrict sums, sw_tape_eight *restrict 
     return r;
 }
 
-/* A scale for rounding numbers up to a bound. `factor` scales the bound to `top`, and `scaled` is this factor for
- * sw_scaled. A number must first be shifted left by `shift`, so that sw_scaled loses no digit.
+/* A scale for rounding numbers within a bound to integers within `top`. `factor` is top / bound, and `scaled` is this
+ * factor for sw_scaled. A number must first be shifted left by `shift`, so that sw_scaled loses no digit.
  */
 typedef struct {
     float factor;
@@ -56,17 +56,17 @@ static inline sw_fine sw_fine_of(float bound, float top)
     return fine;
 }
 
-/* Returns the bits of a number that is not negative; for a negative number, the bits of its magnitude minus 1. */
+/* Returns a number that is not negative unchanged; for a negative number, returns its magnitude minus 1. */
 static inline uint32_t sw_bits_of(int32_t value) { return (uint32_t)(value ^ (value >> 31)); }
 
-/* Computes dJ/du from dJ/dh, which is in `sums` in units of `unit`. Writes dJ/du times the row scales of the matrix
- * before the norm, as int16 for the transposed product. Overwrites `sums`; returns the factor for the product's sums.
+/* Computes dJ/du from dJ/dh; `sums` has dJ/dh in units of `unit`, and is overwritten. Writes dJ/du times the row scales
+ * of the matrix before the norm, as int16 for the transposed product. Returns the factor for the product's sums.
  */
 SW_ONCE float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restrict vector,
                               const sw_tape_eight *restrict tape, const int32_t channel[][2][8],
                               const float layer[2], float r, int width)
 {
-    const float one = 512.0f; /* unit of the last scaling: 2^23 represents 1 in a scale, 2^32 in sw_scaled */
+    const float one = 512.0f; /* 2^32 / 2^23: 2^23 represents 1 in a scale, but 2^32 represents 1 in sw_scaled */
     const float top = (float)SW_QMAX(SW_PADDED(width)) * one;
     int64_t sum = 0, along = 0;
     uint32_t bits = 0;
@@ -81,10 +81,10 @@ SW_ONCE float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restr
             bits |= sw_bits_of(value);
         }
     }
-    /* A unit of xhat is SW_XHAT_QMAX / sqrt(n) as an integer, so `project` is mean(t xhat) for xhat in integers. */
+    /* The tape has X = xhat SW_XHAT_QMAX / sqrt(n) as an integer, so `project` X equals xhat mean(t xhat). */
     const float project = sw_float_of(along) * (1.0f / (SW_XHAT_QMAX * SW_XHAT_QMAX));
     const float mean = sw_float_of(sum) / (float)width;
-    /* This bound on every result for any xhat costs one or two bits of precision, but saves a pass over the numbers. */
+    /* This bound holds for any xhat. It costs one or two bits of precision, but saves a pass over the numbers. */
     const sw_fine fine = sw_fine_of((float)bits + sw_abs(mean) + SW_XHAT_QMAX * sw_abs(project), top);
     const int32_t centre = (int32_t)(-mean * fine.factor), slant = (int32_t)(-project * fine.factor * 65536.0f);
     for (int c = 0; c < SW_PADDED(width); c += 8) {
@@ -98,7 +98,7 @@ SW_ONCE float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restr
     return fine.factor > 0.0f ? unit * r * layer[SW_LAYER_ADJOINT] * one / fine.factor : 0.0f;
 }
 
-/* Converts values times scales to int16, as finely as the largest product allows; returns the integers' unit. */
+/* Converts values times scales to int16, in the finest possible unit; returns this unit. */
 static inline float sw_rounded_finely(int16_t *restrict vector, const float *restrict values,
                                       const float *restrict scales, int width)
 {

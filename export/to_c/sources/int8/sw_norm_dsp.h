@@ -1,8 +1,8 @@
 /* The loops of sw_norm.h's forward pass for cores with the Arm DSP extension, two outputs at a time.
  *
  * The loops are in assembly, and their instructions are ordered for cores that issue two instructions at a time, as in
- * sw_dots_dsp.h. The results equal the results of sw_norm_plain.h bit for bit. Each loop needs thirteen registers; the
- * pointer to its end is on the stack.
+ * sw_dots_dsp.h. The results equal the results of sw_norm_plain.h bit for bit. Each loop needs thirteen registers; its
+ * end address is on the stack.
  */
 #ifndef SW_NORM_DSP_H
 #define SW_NORM_DSP_H
@@ -28,7 +28,7 @@
     "ldrd %[m], %[n], [%[of], #" at "]\n" "smlal %[low], %[high], %[q], %[q]\n"                             \
     "ldrd %[x], %[y], [%[of], #" of_bias "]\n"
 
-/* Computes u from sums in place, and returns the sum of u; adds the sum of squares to *squares. */
+/* Replaces the sums by u, and returns the sum of u. Adds the sum of u^2 to *squares. */
 static inline int32_t sw_norm_sums(int32_t *restrict sums, const int32_t channel[][4][8], int64_t *squares, int width)
 {
     int32_t b, m, n, x, y, r, q, sum = 0;
@@ -71,7 +71,7 @@ static inline int32_t sw_norm_sums(int32_t *restrict sums, const int32_t channel
     "str %[a], [%[hidden]], #4\n"                  "usat %[h], #8, %[h], asr #4\n"                          \
     "strb %[h], [%[tape], #" other "]\n"
 
-/* Computes xhat = shift + u factor, and h and ELU' of gain xhat + offset. */
+/* Computes xhat = shift + u factor, y = gain xhat + offset, h = ELU(y) and ELU'(y). */
 static inline void sw_norm_outputs(const int32_t *restrict u, sw_tape_eight *restrict tape, int16_t *restrict hidden,
                                    const int32_t channel[][4][8], int32_t factor, int32_t shift, int width)
 {

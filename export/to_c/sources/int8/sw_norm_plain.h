@@ -4,7 +4,7 @@
 
 #include "sw_tables.h"
 
-/* Computes u from sums in place, and returns the sum of u; adds the sum of squares to *squares. */
+/* Replaces the sums by u, and returns the sum of u. Adds the sum of u^2 to *squares. */
 static inline int32_t sw_norm_sums(int32_t *restrict sums, const int32_t channel[][4][8], int64_t *squares, int width)
 {
     int32_t sum = 0;
@@ -22,7 +22,7 @@ static inline int32_t sw_norm_sums(int32_t *restrict sums, const int32_t channel
     return sum;
 }
 
-/* Computes xhat = shift + u factor, and h and ELU' of gain xhat + offset. */
+/* Computes xhat = shift + u factor, y = gain xhat + offset, h = ELU(y) and ELU'(y). */
 static inline void sw_norm_outputs(const int32_t *restrict u, sw_tape_eight *restrict tape, int16_t *restrict hidden,
                                    const int32_t channel[][4][8], int32_t factor, int32_t shift, int width)
 {

@@ -23,7 +23,7 @@ static inline int16_t sw_elu(int32_t y)
     return sw_between(sw_elu_points, sw_held(y, 0, 2 * SW_ELU_START - 1), SW_ELU_STEP);
 }
 
-/* Returns ELU' in units of 1 / 256, minus one unit, so that it fits into a byte. h is in units of 1 / SW_ELU_ONE. */
+/* Returns ELU' in units of 1 / 256, minus one unit, so that a byte suffices; h is in units of 1 / SW_ELU_ONE. */
 static inline uint8_t sw_slope_of(int16_t h) { return (uint8_t)sw_held((h + SW_ELU_ONE) >> SW_SLOPE_SHIFT, 0, 255); }
 
 /* Returns 1 / (1 + exp(-x)) in units of 1 / SW_LOGISTIC_QMAX; the argument is x in units of 1 / SW_LOGISTIC_ONE, plus

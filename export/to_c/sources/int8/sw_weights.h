@@ -1,10 +1,9 @@
 /* The parameters of a trained program. The generated sw_weights.c defines the parameters that are compiled in. Matrices
- * are int8 with one scale for each output, W[o][i] ~ scale[o] q[o][i]. sw_dots.h states their layout. SW_AHEAD
- * zeros follow each matrix, because weights are loaded ahead of their use. The adjoint has a transposed copy of each
- * matrix.
+ * are int8 with one scale for each output, W[o][i] ~ scale[o] q[o][i]. sw_dots.h states their layout. SW_AHEAD zeros
+ * follow each matrix, because weights are loaded ahead of their use. The adjoint has a transposed copy of each matrix.
  *
- * An activation is a scale times an int16. Forward scales are constants from calibration; an adjoint's scale is
- * computed when the adjoint is rounded.
+ * An activation is a scale times an int16. The scales of the forward pass are constants from a calibration. The scale
+ * of an adjoint is computed when the adjoint is rounded.
  */
 #ifndef SW_WEIGHTS_H
 #define SW_WEIGHTS_H
@@ -17,7 +16,7 @@
 #define SW_LOGISTIC_START (SW_LOGISTIC_RANGE * SW_LOGISTIC_ONE)
 #define SW_LOGISTIC_STEP (SW_LOGISTIC_ONE / SW_POINTS_PER_UNIT)
 
-/* Tables for sw_between (sw_tables.h). They are the same for every program. */
+/* Tables for sw_between (sw_tables.h), which are the same for every program. */
 extern const uint32_t sw_elu_points[2 * SW_ELU_START / SW_ELU_STEP];
 extern const uint32_t sw_logistic_points[2 * SW_LOGISTIC_START / SW_LOGISTIC_STEP];
 
@@ -32,7 +31,7 @@ enum { SW_SCALE, SW_BIAS, SW_GAIN, SW_OFFSET };
  */
 enum { SW_ADJOINT_GAIN, SW_ADJOINT_SCALE };
 
-/* Constants of a layer with a norm: epsilon in the layer's unit, and the unit of its adjoint. */
+/* Constants of a layer with a norm: epsilon in the layer's unit, and the unit of the adjoint. */
 enum { SW_LAYER_EPSILON, SW_LAYER_ADJOINT };
 
 typedef int8_t sw_prior_number; /* type of the prior's matrices (sw_prior_memory.h) */
@@ -105,7 +104,7 @@ typedef struct sw_weights {
     SW_PRIOR_NUMBERS
 } sw_weights;
 
-/* Matrices that every roll-out step reads completely; the first layer's last column is for action / action_std. */
+/* Matrices that every step of a roll-out reads completely. The first layer's last column is for action / action_std. */
 typedef struct sw_hot {
     SW_ALIGNED int8_t dyn1_rows[SW_DYN1_P * SW_STATE_P + SW_AHEAD];
     SW_ALIGNED int8_t dyn1_adjoint_rows[SW_STATE_P * SW_DYN1_P + SW_AHEAD];

@@ -1,4 +1,4 @@
-/* Scratch memory of a control step with int8 weights. This structure is public only because the caller provides it. */
+/* Scratch memory of a control step with int8 weights. The structure is public only because the caller provides it. */
 #ifndef SW_WORKSPACE_H
 #define SW_WORKSPACE_H
 
@@ -30,7 +30,7 @@
 #define SW_WIDEST SW_MAX(SW_MAX(SW_DYN1_P, SW_DYN2_P), SW_STATE_P)
 #define SW_LONGEST SW_MAX(SW_WIDEST, SW_MAX(SW_DECODER_P, SW_MAX(SW_LSTM_P, SW_MAX(SW_HEAD_P, SW_ROW_P))))
 
-/* The data of a layer's forward pass that the adjoint needs, for eight outputs (sw_norm.h). */
+/* The data from a layer's forward pass that the adjoint needs (sw_norm.h), for eight outputs. */
 typedef struct {
     int16_t xhat[8];
     uint8_t slope[8];
@@ -58,7 +58,7 @@ typedef struct {
     int16_t vector[SW_MAX(SW_LSTM_P, SW_HEAD_P)];
 } sw_encoder_scratch;
 
-/* The decoder computes two steps together. The vectors of these steps, and their sums, are this distance apart. */
+/* The decoder computes two steps together. The two steps' vectors are this distance apart, and so are their sums. */
 #define SW_APART SW_MAX(SW_DECODER_P, SW_LATENT_P)
 
 typedef struct {

@@ -1,11 +1,11 @@
 /* The control step: it takes a window of sensor values and returns a plan for the jets.
  *
- * The code is freestanding C99, without allocation, recursion, library calls or static state: it writes only to the
- * caller's structures, so that several controllers may run side by side. The work of a step does not depend on the
- * data, with two exceptions: a few comparisons in the cost, and the iterations, which are skipped if no cost weight
- * needs them. Compile the sources as C; C++ may include this header. The generated sw_settings.h has the sizes and the
- * hash of the program; the generated sw_weights.c has its parameters. The parameters need not be compiled in: the
- * functions whose names end in _of use parameters anywhere in memory (sw_program.h).
+ * The code is freestanding C99, without allocation, recursion, library calls or static state. It writes only to the
+ * caller's structures, so several controllers may run at the same time. The work of a step does not depend on the data,
+ * with two exceptions: a few comparisons in the cost, and the iterations, which are skipped if no cost weight needs
+ * them. Compile the sources as C; C++ may include this header. The generated sw_settings.h has the sizes and the hash
+ * of the program; the generated sw_weights.c has its parameters. The parameters may also be elsewhere in memory
+ * (sw_program.h), for the functions whose names end in _of.
  */
 #ifndef STILLWAKE_H
 #define STILLWAKE_H
@@ -35,7 +35,7 @@ extern "C" {
 /* The input of a control step. Actions are jet flow rates in U_inf W, pressures are Cp. */
 typedef struct {
     float window[SW_WINDOW][SW_COLUMNS]; /* oldest row first; row k: Cp at step k, action commanded at step k - 1 */
-    float plan[SW_HORIZON];  /* plan that the previous step returned, unchanged; this step shifts it by one period */
+    float plan[SW_HORIZON];  /* the unchanged plan from the previous step; this step shifts it by one period */
     float free[SW_HORIZON];  /* 1 if the action of the shifted plan may change, 0 if it is committed */
     float weights[SW_TERMS]; /* weights of the cost terms */
     float speed;             /* the vehicle's speed divided by the design speed */
@@ -56,9 +56,9 @@ typedef enum {
     SW_WRONG_ARITHMETIC = 2 /* this build or the processor's present mode does not follow IEEE 754; the plan is zeros */
 } sw_status;
 
-/* Checks with a known answer whether sums, divisions and small numbers follow IEEE 754. Returns SW_OK or
+/* Checks by a known answer whether sums, divisions and small numbers follow IEEE 754. Returns SW_OK or
  * SW_WRONG_ARITHMETIC. Some compiler flags (-ffast-math and its parts) and processor modes (small numbers taken as
- * zero, another rounding) change the arithmetic. Every control step makes this check itself.
+ * zero, another rounding) change the arithmetic. Every control step also makes this check.
  */
 sw_status sw_arithmetic(void);
 
@@ -73,10 +73,10 @@ void sw_input_push(sw_input *input, const float pressures[SW_SENSORS], float pre
 /* Runs a control step. The workspace needs no preparation and holds no state between steps. */
 sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output);
 
-/* Runs a control step with all iterations on a window that is computed from the program, and compares the result with
- * the exporter's answer. Call it once at the start. Returns SW_WRONG_ARITHMETIC if result and answer differ in any bit
- * or, in a build that fuses operations, by more than fusing explains. Returns SW_OK also if the exporter wrote no
- * answer. Resets `input` as sw_input_reset does.
+/* Computes a window from the program, runs a control step with all iterations on it, and compares the result with the
+ * exporter's answer. Call it once at the start. Returns SW_WRONG_ARITHMETIC if result and answer differ in any bit or,
+ * in a build that fuses operations, by more than fusing explains. Otherwise, or if the exporter wrote no answer,
+ * returns SW_OK. Resets `input` as sw_input_reset does.
  */
 sw_status sw_known_answer(sw_workspace *work, sw_input *input, sw_output *output);
 

@@ -1,5 +1,5 @@
 /* A control step: it computes the initial plan, encodes the window, optimises the plan, and predicts the plan's
- * effects. The file also has the functions of the input: its reset, and the addition of a row to the window.
+ * effects. The file also has the functions that reset the input and add a row to its window.
  */
 #include "stillwake.h"
 #include "sw_cost.h"
@@ -52,7 +52,7 @@ static void adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], 
 }
 
 /* Computes the weights for the iterations, and returns whether any of them is not 0. The prior's plan is already the
- * best for the terms with which the prior was trained (contract/controller/goal.py), so their weights become 0.
+ * best for the terms with which the prior was trained (contract/controller/goal.py), so these terms get the weight 0.
  */
 static int asked_of_iterations(float asked[SW_TERMS], const float weights[SW_TERMS])
 {
@@ -66,7 +66,7 @@ static int asked_of_iterations(float asked[SW_TERMS], const float weights[SW_TER
 #endif
     for (int i = 0; i < SW_TERMS; i++) any |= asked[i] > 0.0f || asked[i] < 0.0f;
 #else
-    any = 1; /* without a prior, the initial plan may exceed the action limit; the iterations clip its free actions */
+    any = 1; /* without a prior, the initial plan may exceed the action limit; iterations clip free actions */
 #endif
     return any;
 }
@@ -117,7 +117,7 @@ sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, cons
         output->forces[k][0] = work->forces[0][k];
         output->forces[k][1] = work->forces[1][k];
     }
-    /* The inputs are checked as well, since clipping turns a NaN into a finite action. */
+    /* The inputs must be checked, too, because clipping turns a NaN into a finite action. */
     const int finite = sw_all_finite(&input->window[0][0], SW_WINDOW * SW_COLUMNS) & sw_all_finite(input->plan, SW_HORIZON) &
                        sw_all_finite(input->weights, SW_TERMS) & sw_all_finite(&input->speed, 1) &
                        sw_all_finite(&input->limit, 1) & sw_all_finite(&output->forces[0][0], 2 * SW_HORIZON) &

@@ -1,4 +1,4 @@
-/* The cost's terms and gradient. Equal extreme values of Cd share the derivative. The derivative of |Cl| at 0 is 0. */
+/* The cost's terms and gradient. Steps with equal extreme Cd share the derivative. The derivative of |Cl| at 0 is 0. */
 #include "sw_cost.h"
 
 #include "sw_math.h"

@@ -7,7 +7,7 @@
 /* Computes the unweighted cost terms of work->forces and work->plan. */
 void sw_cost_terms(const sw_workspace *work, float previous_action, float terms[SW_TERMS]);
 
-/* Computes dJ/dforces into work->d_forces, and dJ/da with the forces held fixed into work->gradient; a is the plan. */
+/* Writes dJ/dforces to work->d_forces. Writes dJ/da, with fixed forces, to work->gradient; a is the plan. */
 void sw_cost_gradient(sw_workspace *work, float previous_action, const float weights[SW_TERMS]);
 
 #endif

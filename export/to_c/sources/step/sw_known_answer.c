@@ -8,9 +8,9 @@
 /* Largest change of an answer that fused operations may cause: absolute plus relative, as in replay.c. */
 #define FUSED 5e-3f
 
-/* Fills a window from the program's own scaling, so that no stored data are needed: each value is the column's mean
- * plus -5 to 5 steps of 3/8 of a standard deviation, different in each column. All weights are 1, so that the
- * iterations run.
+/* Computes a window from the program's scaling, so that no stored data are needed. Each value is the column's mean plus
+ * -5 to 5 steps of 3/8 of a standard deviation; the series differs from column to column. All weights are 1, so that
+ * the iterations run.
  */
 static void ask(const sw_program *program, sw_input *input)
 {

@@ -13,7 +13,7 @@ enum { ONE, SLOWER, FASTER, EFFORT, LIFT, LIMIT };
 #error "six weights of a unit on an input are added up here"
 #endif
 
-/* Returns the square root of weight / dearest, at most 1; dearest is the largest weight that the prior supports. */
+/* Returns the square root of weight / dearest, but at most 1. The prior supports weights up to `dearest`. */
 static float root_of(float weight, float dearest)
 {
     if (weight < dearest) return sw_sqrt(weight / dearest);
@@ -33,7 +33,7 @@ static void take_schedule(float schedule[SW_SCHEDULED], const sw_workspace *work
     schedule[LIMIT] = sw_min(sw_max((1.0f - share) / (1.0f - SW_NARROWEST), 0.0f), 1.0f);
 }
 
-/* Returns the index of the speed variable that is not zero; SLOWER if both are zero. */
+/* Returns the index of the variable, SLOWER or FASTER, that is not zero; SLOWER if both are zero. */
 static int speed_in(const float schedule[SW_SCHEDULED])
 {
     return schedule[FASTER] > 0.0f ? FASTER : SLOWER;
@@ -56,8 +56,8 @@ static void take_weights(sw_prior_scratch *prior, const sw_weights *w)
     }
 }
 
-/* Copies the rows before the present row, and computes the present row's pressure differences. The window does not
- * contain the oldest row; a copy of the second-oldest row replaces it.
+/* Copies the rows before the present row, and computes the present row's pressure differences. The oldest row is not in
+ * the window, so a copy of the second-oldest row replaces it.
  */
 static void take_past(sw_prior_scratch *prior, const float window[SW_WINDOW][SW_COLUMNS])
 {
@@ -97,8 +97,8 @@ static void filter_past(sw_prior_scratch *prior, const sw_weights *w, int begin,
     }
 }
 
-/* Multiplies the last layer's weights by the gates, which depend on the sums of the sensors' pairs in the newest rows.
- * These sums replace the content of `rows`.
+/* Multiplies the last layer's weights by the gates. The gates depend on the sums of the sensors' pairs in the newest
+ * rows. These sums replace the content of `rows`.
  */
 static void take_gates(sw_prior_scratch *prior, const sw_weights *w, const float window[SW_WINDOW][SW_COLUMNS])
 {
@@ -160,7 +160,7 @@ static void multiply(float *outputs, const float *weights, const float *inputs)
     }
 }
 
-/* Returns the feedback's action as a share of its bound, from -1 to 1. */
+/* Returns the feedback's action divided by the action's bound: from -1 to 1. */
 static float wanted(sw_prior_scratch *prior)
 {
     float sum = 0.0f, other = 0.0f;
@@ -172,7 +172,7 @@ static float wanted(sw_prior_scratch *prior)
     return sw_tanh(sum + other);
 }
 
-/* Predicts the pressure differences that follow the past from the row `begin` on, in two independent sums. */
+/* Predicts the pressure differences after the past that begins at the row `begin`, in two independent sums. */
 static void predict(sw_prior_scratch *prior, const sw_weights *w, int begin)
 {
     const float *values = prior->rows[begin];
