@@ -31,7 +31,7 @@ ROOMS: Final = {
     "export": (3, 3, "from the model to ONNX, C and bundle"),
     "contract": (0, 3, "data and formats that packages share: geometry, sensors, units, errors, the DBC"),
 }
-"""For each room, the first and the last of the four columns that its box covers, and a text about its content."""
+"""The first and the last of the four columns that each room's box covers, and a text about its content."""
 TOP: Final = "stillwake"
 """The room whose arrows are not drawn, because it has an arrow to every other room."""
 

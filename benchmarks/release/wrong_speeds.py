@@ -39,7 +39,7 @@ SPEEDS: Final = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4)
 TOLD: Final = (0.9, 0.95, 1.0, 1.05, 1.1)
 """Ratios of the told speed to the true speed."""
 BEST_TOLD: Final = {0.8: 0.95}
-"""For a true speed, a ratio that gives the prior of `truck-wake-14` less drag than the right speed does. From two
+"""The ratio, by true speed, that gives the prior of `truck-wake-14` less drag than the right speed does. From two
 starts, Cd is 0.799 and 0.798 instead of 0.827 and 0.814."""
 GUST: Final = 0.1
 """Amplitude of the gusts in design speeds."""

@@ -43,7 +43,7 @@ _MAKES: Final = {
     "root": "`stillwake keygen` makes a pair",
     "library": "`stillwake export --c` writes one",
 }
-"""For each of these options, a text that names the command that makes the option's file."""
+"""A text for each of these options, which names the command that makes the option's file."""
 
 
 class _RunsByDefault(TyperGroup):

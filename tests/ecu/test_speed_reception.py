@@ -69,7 +69,7 @@ def test_a_speed_in_use_that_is_too_low_rises_and_never_by_more_than_the_setting
         rest = estimate - np.sign(estimate) * TOLERATED
         assert state.correction == pytest.approx(1.0 - RATE * rest)
         assert after(air, 10, state).correction == pytest.approx((1.0 - RATE * rest) ** 11)
-        assert after(air, 300, state).correction == limit
+        assert after(air, 1000, state).correction == limit
     for estimate in (0.99 * TOLERATED, -0.99 * TOLERATED):
         assert after(constant(estimate), FIRST_PERIOD + 50).correction == 1.0
 
@@ -93,7 +93,7 @@ def test_the_ecu_scales_with_the_corrected_speed_within_the_releases_range():
     for told, used in ((1.0, 1.0 + MOST), (1.35, SPEEDS.fastest), (1.4, SPEEDS.fastest)):
         bench = make_bench(RecordingController(), bundle=bundle, rearm_frames=1)
         bench.cruises = None
-        for _ in range(ROWS + FIRST_PERIOD + 130):
+        for _ in range(ROWS + FIRST_PERIOD + 400):
             bench.step(bench.at_speed(told), bench.pressure((0.1, 0.1, 0.1, 0.1)))
         window, *_ = bench.controller.calls[-1]
         assert bench.ecu.state.speed.air.correction == pytest.approx(used / told)

@@ -28,7 +28,7 @@ SPEEDS_BEYOND: Final = 0.2
 MOST_WRONG: Final = 0.12
 """Largest error of a told speed, as a share of the true speed."""
 DESIGN_SPEED_EVERY: Final = 8
-"""In every n-th run (n is this value), true and told speed are the design speed, at which a release is judged first."""
+"""Every n-th run (n is this value) has the design speed, correctly told, because a release is judged first at it."""
 RIGHT_SHARE: Final = 0.3
 """Probability that the told speed is right in any other run."""
 OFFSET: Final = 0.02

@@ -256,8 +256,8 @@ def test_episodes_come_last_and_the_old_ones_keep_every_bit(written):
 def test_another_flow_or_other_sensors_are_refused_by_what_differs(written):
     before = written.read_bytes()
     for facts, named in (
-        ({**FACTS, "flow": {"reynolds": 400.0, "substeps": 30}}, r"flow\.reynolds = 500\.0, .* have 400\.0"),
-        ({**FACTS, "grid": [310, 114]}, r"grid = \[443, 164\], .* have \[310, 114\]"),
+        ({**FACTS, "flow": {"reynolds": 400.0, "substeps": 30}}, r"flow\.reynolds = 500\.0; .* have 400\.0"),
+        ({**FACTS, "grid": [310, 114]}, r"grid = \[443, 164\]; .* have \[310, 114\]"),
     ):
         with pytest.raises(DatasetError, match=rf"data\.h5: episode b was recorded with {named}"):
             append(written, [episode("c")], facts)

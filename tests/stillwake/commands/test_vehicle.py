@@ -24,7 +24,7 @@ def test_what_cannot_be_is_one_line(all_refused) -> None:
             "--episode sine": "episode 'sine': the data set has ",
             "--dataset none.h5": "none.h5: no such dataset",
             "--bundle none": "none",
-            "--freshness x.json": "--freshness x.json: needs a key, and bus.key is empty",
+            "--freshness x.json": "--freshness x.json: needs a key, but bus.key is empty",
             "--set mpc.horizon=3": "`vehicle` does not use it",
             "--stage-times /proc/nowhere/x.npz": "/proc/nowhere",
             "--set bus.interface=socketcan": "CAN bus socketcan 'test-stillwake-vehicle': ",

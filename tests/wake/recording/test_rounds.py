@@ -84,7 +84,7 @@ def test_parts_of_another_controller_and_data_of_another_flow_are_refused(tmp_pa
     output = tmp_path / "a.h5"
     recorder.record(output, [EpisodePlan(forcing="none", steps=2, seed=0)], Config())
     other = Config(flow=FlowConfig(substeps=40))
-    with pytest.raises(DatasetError, match=r"none_0 was recorded with flow\.substeps = 30, .* have 40"):
+    with pytest.raises(DatasetError, match=r"none_0 was recorded with flow\.substeps = 30; .* have 40"):
         record_round(output, a_round(), other, Integrator)
 
     def kill_after_a_block(name: str, done: int, total: int) -> None:

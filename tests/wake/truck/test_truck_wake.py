@@ -187,6 +187,6 @@ def test_a_state_of_another_body_is_refused_by_name(square, wake, tmp_path):
     save_state(tmp_path / "square.npz", square.state())
     loaded = load_state(tmp_path / "square.npz")
     assert loaded.origin is not None and loaded.origin.is_of(SQUARE)
-    with pytest.raises(PlantError, match="of a body of length 1 and leading-edge radius 0"):
+    with pytest.raises(PlantError, match="for a body of length 1 and leading-edge radius 0"):
         wake.reset(loaded)
     square.reset(loaded)

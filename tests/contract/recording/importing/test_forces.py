@@ -68,7 +68,7 @@ def test_tables_are_read_whatever_holds_them(tmp_path):
             np.testing.assert_array_equal(found.t, T)
     for values, text in (
         ({"t": T, "Cd": T}, "no column 'Cl' for the forces' table; it has t, Cd"),
-        ({"t": T, "Cd": T[:2], "Cl": T}, "'Cd' has 2 rows, 't' has 4"),
+        ({"t": T, "Cd": T[:2], "Cl": T}, "'Cd' has 2 rows; 't' has 4"),
     ):
         with pytest.raises(DatasetError, match=text.replace("[", r"\[")):
             read_forces(write(tmp_path / "forces.npz", values), {})
