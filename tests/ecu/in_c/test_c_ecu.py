@@ -208,9 +208,9 @@ def test_a_mode_of_the_processor_that_another_library_sets_shuts_the_jets(releas
             if period >= INTO_CONTROL + 4:
                 with pytest.raises(ControllerError, match="status 2: this build, or the processor's mode"):
                     controller.control_step(*inputs)
-                with pytest.raises(LibraryError, match="refuses|does not run"):
+                with pytest.raises(LibraryError, match=r"refuses|does not run"):
                     CEcu(sources, flags=FLAGS)
-                with pytest.raises(LibraryError, match="refuses|does not run"):
+                with pytest.raises(LibraryError, match=r"refuses|does not run"):
                     CController(library_sources(sources), release.bundle.manifest.sizes, flags=FLAGS)
         finally:
             set_mode(PLAIN)
@@ -237,7 +237,7 @@ def test_a_step_that_answers_otherwise_than_the_exporters_is_refused_at_power_on
         answer = step._library.sw_known_answer(ctypes.c_void_p(place), ctypes.byref(asked), ctypes.byref(found))
         assert answer == status, file
         if status:
-            with pytest.raises(LibraryError, match="refuses|does not run"):
+            with pytest.raises(LibraryError, match=r"refuses|does not run"):
                 CEcu(given, flags=FLAGS)
     # Decisions may not be fused: tests/export/to_c/test_arithmetic.py has what the check answers where they are.
     inexact = b'#include "sw_ecu_parts.h"\nuint8_t sw_inexact(void) { return SW_REASON_INTERNAL; }\n'
