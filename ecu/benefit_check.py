@@ -192,7 +192,7 @@ class BenefitCheck:
         )
 
     def _measured(self, cp: Array, speed: float) -> tuple[float, float]:
-        """Return suction and swing, divided by the release's values without jets. C adds in the same order."""
+        """Return suction and swing divided by the release's values without jets. The C code sums in this order."""
         base = swing = 0.0
         for place in self.base:
             base += float(cp[place])

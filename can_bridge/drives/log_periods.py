@@ -63,9 +63,9 @@ class SenderClock(NamedTuple):
 
 
 def samples_of(stretch: FrameStretch, messages: MessageSet, period_s: float) -> tuple[Array, Array, int]:
-    """Return the contents of the stretch's n frames: pressures in Pa, (n, 4), sampling times in s on the log's clock,
-    (n,), and the number of frames that fit no row, because they were sent a period or more after the sampling.
-    Pressures are NaN if a sensor was invalid, the pressures were too old, or the frame cannot be parsed."""
+    """Return the pressures (n, 4) in Pa of the stretch's n frames, their sampling times (n,) in s on the log's clock,
+    and the number of frames that were sent a period or more after the sampling. A pressure is NaN if its sensor was
+    invalid, its frame was sent that late, or its frame cannot be parsed."""
     parsed = [messages.pressure.parse(frame.data) for frame in stretch.frames]
     pressure = np.array([(np.nan,) * SENSORS if one is None else one.pressure_pa for one in parsed])
     valid = np.array([(False,) * SENSORS if one is None else one.valid for one in parsed])
@@ -76,8 +76,8 @@ def samples_of(stretch: FrameStretch, messages: MessageSet, period_s: float) -> 
 
 
 def clock_of(stretch: FrameStretch, sampled_s: Array, period_s: float | None = None) -> SenderClock:
-    """Fit a line to the sampling times of the n frames, (n,), by medians, so that single late frames do not change the
-    line. `period_s` is the sender's period in s, if it is known better than from these frames."""
+    """Fit a line to the n frames' sampling times, (n,). The fit uses medians, so that a few late frames do not change
+    the line. If `period_s`, the sender's period in s, is None, it is fitted too."""
     index = stretch.index.astype(np.float64)
     if period_s is None:
         # This is the Theil-Sen slope, but only from pairs with half of the frames between them: closer pairs give

@@ -96,8 +96,8 @@ def series_of(
     only: MessageSet | None = None,
     key: Key | None = None,
 ) -> LogSeries:
-    """Return a drive's series. Raises DatasetError if the log lacks data, has another period, or has a long gap while
-    `split` is false.
+    """Return a drive's series. Raises DatasetError if the log lacks data, has a wrong period, or has a gap above `fill`
+    while `split` is false.
 
     Args:
         path: file of the log, for error messages.

@@ -165,7 +165,7 @@ def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
         if signal in PROTECTION:
             raise BusError(f"{text}: {signal} is filled in by the sender; --counter sets the first counter")
         if not equals or signal not in known:
-            raise BusError(f"{text}: must be SIGNAL=VALUE with one of {', '.join(known)}")
+            raise BusError(f"{text}: must be SIGNAL=VALUE; signals: {', '.join(known)}")
         values[signal] = _value(text, signals[signal], value)
     try:
         data = message.encode(values, strict=True)

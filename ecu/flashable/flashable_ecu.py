@@ -76,7 +76,7 @@ class FlashableEcu:
 
     @property
     def is_measuring(self) -> bool:
-        """Whether `service` has measured values to send for each control period."""
+        """Whether `service` sends measured values for each control period."""
         return self._serviced.calibration is not None and self._serviced.calibration.is_measuring
 
     @property

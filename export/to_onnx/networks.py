@@ -100,7 +100,7 @@ class DynamicsGraph:
         first_bias = graph.constant(centred_bias(weights.input.bias)[None], "dynamics.input.bias")
         self._hidden_bias = graph.constant(centred_bias(weights.hidden.bias)[None], "dynamics.hidden.bias")
         self._output_bias = graph.constant(weights.output.bias[None], "dynamics.output.bias")
-        # The bias in step k, a row of (H, width), is b_1 plus the effect of k b_3 on the first layer.
+        # Row k of the (H, width) bias is for step k: b_1 plus the first layer's product with k b_3.
         steps = graph.constant(np.arange(self._horizon)[:, None], "steps")
         per_step = graph.op("MatMul", self._output_bias, self._forward[0])
         self._bias_by_step = graph.op("Add", graph.op("Mul", steps, per_step), first_bias)

@@ -40,7 +40,7 @@ LOOK_NS: Final = 1_000_000
 
 
 class NodeFaults:
-    """An object that applies a run's port faults in the ports.
+    """An object that adds a run's faults to the nodes' ports.
 
     Args:
         faults: faults of all nodes; the first fault of a node is closest to the bus.

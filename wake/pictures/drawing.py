@@ -194,7 +194,7 @@ def check_suffix(path: Path) -> None:
 
 
 def save_figure(path: Path, figure: Figure) -> None:
-    """Write the figure atomically, in the format that the name's ending states. Raises as `check_suffix` does."""
+    """Write the figure atomically, in the format of the suffix. Raises ConfigError for a wrong suffix or a folder."""
     check_suffix(path)
     with replacing(path) as temporary:
         figure.savefig(temporary, format=path.suffix[1:].lower())

@@ -131,7 +131,7 @@ SW_EXPORT fmi3Status fmi3Terminate(fmi3Instance fmu)
 SW_EXPORT fmi3Status fmi3Reset(fmi3Instance fmu)
 {
     if (fmu == NULL) return fmi3Error;
-    (void)power_on(fmu); /* if sw_ecu_init refuses, every EcuStatus has the reason */
+    (void)power_on(fmu); /* if sw_ecu_init fails, every EcuStatus has the reason */
     return fmi3OK;
 }
 

@@ -158,7 +158,7 @@ sw_store_result sw_store_take_keys(sw_store *store, const uint8_t *data, uint32_
 /* Stores a calibration for the running release; length 0 deletes it. Errors: OUT_OF_ORDER, OUT_OF_RANGE, BAD_MEMORY. */
 sw_store_result sw_store_keep_calibration(sw_store *store, const uint8_t *data, uint32_t length);
 
-/* Returns the length of the running release's stored calibration, or 0. Copies it if it has at most `room` bytes. */
+/* Copies the running release's stored calibration if it has at most `room` bytes. Returns its length, or 0. */
 uint32_t sw_store_calibration(const sw_store *store, uint8_t *data, uint32_t room);
 
 /* Returns whether the state can be stored now. It cannot while the jets run and the sector is full. */

@@ -157,7 +157,7 @@ class FlashController:
         return self._counter.now_ns < self._until_ns
 
     def stall(self) -> None:
-        """Advance the time to the end of the present operation, for which a core that reads the bank waits."""
+        """Advance the time to the end of the present operation: a core that reads the bank waits for it."""
         self.stalled_ns += max(self._until_ns - self._counter.now_ns, 0)
         self._counter.now_ns = max(self._counter.now_ns, self._until_ns)
 

@@ -58,7 +58,7 @@ class RandomNumbers:
 
 
 class CoreRegisters:
-    """The system control space: CPACR, CCR with BFHFNMIGN, AIRCR with SYSRESETREQ, ICSR, and the NVIC's first words.
+    """The system control space: CPACR, CCR with BFHFNMIGN, AIRCR with SYSRESETREQ, and the NVIC's ISER0 and ICPR0.
 
     Attributes:
         has_floats: whether CPACR enables the floating-point unit.

@@ -90,14 +90,14 @@ def test_names_of_values_and_other_bases():
 def test_refused_in_one_line():
     for name, assignment, words in [
         ("Pressures", "", r"Pressures: must be one of Pressure, .*VehicleSpeed, .*`python -m can.player`"),
-        ("Pressure", "Pressure4=1", r"Pressure4=1: must be SIGNAL=VALUE with one of Valid0"),
+        ("Pressure", "Pressure4=1", r"Pressure4=1: must be SIGNAL=VALUE; signals: Valid0"),
         ("Pressure", "Pressure0", r"Pressure0: must be SIGNAL=VALUE"),
         ("Pressure", "E2E_CRC=1", "is filled in by the sender"),
         ("Pressure", "Pressure0=x", r"Pressure0=x: must be a number$"),
         ("Pressure", "Pressure0=nan", "Pressure cannot be sent"),
         ("Pressure", "Pressure0=3276.8", r"smaller than or equal to 3276.7"),
         ("Pressure", "Age=inf", "cannot be sent"),
-        ("VehicleSpeed", "Pressure0=INVALID", "must be SIGNAL=VALUE with one of AirDensity"),
+        ("VehicleSpeed", "Pressure0=INVALID", "must be SIGNAL=VALUE; signals: AirDensity"),
         ("JetCommand", "Mode=FAUL", "must be a number, or one of FAULT, DECAY"),
         ("JetCommand", "Mode=6", "smaller than or equal to 5"),
         ("JetCommand", "Mode=1.5", "must be a whole number"),
