@@ -29,7 +29,7 @@ def asked(request: object) -> tuple[str, Any]:
         raise ConfigError(f"request: must have one of {', '.join(ACTIONS)}, and an id")
     action, value = actions[0], request[actions[0]]
     if action == "set" and not isinstance(value, dict):
-        raise ConfigError("request: `set` must be a JSON object")
+        raise ConfigError("request: set must be a JSON object")
     if action == "pause" and not isinstance(value, bool):
         raise ConfigError("request: pause must be true or false")
     if action in _TRUE and value is not True:
