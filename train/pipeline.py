@@ -22,7 +22,8 @@ from train.distillation.evaluate import evaluate_model
 from train.distillation.lessons import distil_predictor, teach
 from train.fitting import unfinished
 from train.fitting.fit import device_named, fit_joint, torch_threads
-from train.fitting.unfinished import Checkpoints, Identity, Phase, Progress, silent
+from train.fitting.progress import Phase, Progress, silent
+from train.fitting.unfinished import Checkpoints, Identity
 from train.model_store import TrainedModel
 from train.networks.model import Encoder, Predictor, WakeModel
 from train.networks.samples import Rows, fit_scaling, prepare

@@ -17,7 +17,9 @@ from contract.config.tree import Config
 from ecu.ecu_state import EcuState, Trace
 from ecu.flashable.equipment import Equipment
 from ecu.flashable.links import MOST_FRAMES
-from ecu.flashable.power_cycle import PowerCycle, ShutEcu, VehicleRequest, log_access
+from ecu.flashable.power_cycle import PowerCycle, log_access
+from ecu.flashable.watched_control import VehicleRequest
+from ecu.shut_ecu import ShutEcu
 from ecu.stepped import CalibratedEcu
 
 

@@ -1,152 +1,27 @@
-"""The parts of an ECU that a power loss clears: a boot creates them, and each reset creates them again. Diagnosis gets
-the vehicle's requests for control, and the faults, from the control periods."""
+"""The parts of an ECU that a power loss clears: a boot creates them, and each reset creates them again."""
 
-import struct
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Final, NamedTuple, Self, cast
+from typing import NamedTuple, cast
 
-import numpy as np
-
-from can_bridge.bus.interface import HEALTHY, BusHealth
-from can_bridge.command_gate import Intervention
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing, MediumError
 from can_bridge.flashing.state import TRIAL_BOOTS
 from can_bridge.flashing.store import Boot, BootReason, Store
-from can_bridge.secoc.node import Authentication, key_of
+from can_bridge.secoc.node import Authentication
 from can_bridge.uds.ecu_services import EcuServices
-from can_bridge.uds.fault_codes import CODES
 from can_bridge.uds.fault_memory import FaultMemory
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Nrc, Session
-from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_sets import message_set
-from can_bridge.wire.messages import COUNT_LIMIT, SENSORS, EcuStatus, JetCommand, Reason
 from contract.config.tree import Config
 from contract.release.checks import Bundle
 from ecu.ecu import Ecu
-from ecu.ecu_state import EcuState, Trace, answers
-from ecu.fail_safe import FailSafe, OperatingMode
 from ecu.flashable.equipment import Equipment, Log, identification
 from ecu.flashable.links import CalibrationLink, DiagnosticLink
 from ecu.flashable.vehicle_fit import VehicleFit, self_test
+from ecu.flashable.watched_control import FaultWatch, VehicleRequest
+from ecu.shut_ecu import ShutEcu
 from ecu.stepped import CalibratedEcu
-
-NO_BUNDLE: Final = 0
-"""Bundle hash that an ECU without a release sends in its status."""
-
-
-class ShutEcu:
-    """An `ecu.stepped.SteppedEcu` that reads no pressures and drives no jets. Raises ConfigError if only one of
-    `bus.key` and `authentication` is given."""
-
-    frames_rejected = 0
-
-    def __init__(self, config: Config, *, authentication: Authentication | None = None) -> None:
-        self._messages = message_set(config.bus)
-        self._key = key_of(authentication, config.bus)
-        self._next_period = config.ecu.plan_ahead
-        start = EcuState.power_on(window=1, sensors=SENSORS, horizon=1, delay=0)
-        self.restore(start.authenticated(authentication, self._messages))
-
-    @property
-    def state(self) -> EcuState:
-        return self._state
-
-    @property
-    def trace(self) -> Trace:
-        mode = self._state.fail_safe.mode.on_wire
-        return Trace(mode=mode, action=0.0, forces=None, interventions=Intervention.NOT_ENABLED)
-
-    def restore(self, state: EcuState) -> None:
-        """Continue from a state of an ECU without a release."""
-        self._state = replace(state, fail_safe=_NO_RELEASE)
-
-    def step(
-        self,
-        now_ns: int,
-        frames: Sequence[Frame],
-        health: BusHealth = HEALTHY,
-        *,
-        fault: Reason | None = None,
-        updating: bool = False,
-    ) -> list[Frame]:
-        """Do one control period as `ecu.ecu.Ecu.step` does. The ECU reports the missing release even during a fault."""
-        before = self._state
-        updating = updating or before.fail_safe.mode is OperatingMode.UPDATE
-        fail_safe = _UPDATING if updating else _NO_RELEASE
-        self._state = replace(before.answered(self._messages), fail_safe=fail_safe, health=health)
-        command = JetCommand(
-            flow_m2_per_s=0.0, mode=self.trace.mode, enable=False, pressure_counter=None, next_period=self._next_period
-        )
-        return answers(before, self._state, command, now_ns, self._messages, self._key, NO_BUNDLE)
-
-    def status(self) -> EcuStatus:
-        """Return the health counters after the latest step."""
-        return self._state.status(NO_BUNDLE)
-
-
-_NO_RELEASE: Final = FailSafe(mode=OperatingMode.FAULT, reason=Reason.NO_RELEASE, enable_request=False)
-_UPDATING: Final = FailSafe(mode=OperatingMode.UPDATE, reason=Reason.UPDATING, enable_request=False)
-
-
-REMEMBERED_NS: Final = 1_000_000_000
-"""Time in ns for which the latest request for control counts, even if the bus is lost or a sensor fails meanwhile."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class VehicleRequest:
-    """The time in ns of the latest step with a request for control, or None, and whether the jets may run now."""
-
-    asked_ns: int | None = None
-    drives_jets: bool = False
-
-    def seen(self, before: EcuState, after: EcuState, now_ns: int) -> Self:
-        asks = after.missed == before.missed and after.fail_safe.enable_request
-        return replace(self, asked_ns=now_ns if asks else self.asked_ns, drives_jets=after.fail_safe.mode.drives_jets)
-
-    def refusal(self, now_ns: int) -> Nrc | None:
-        """Return CONDITIONS_NOT_CORRECT while the jets may run and until `REMEMBERED_NS` after a request, else None."""
-        asks = self.asked_ns is not None and now_ns - self.asked_ns < REMEMBERED_NS
-        return Nrc.CONDITIONS_NOT_CORRECT if self.drives_jets or asks else None
-
-
-_NUMBERS: Final = struct.Struct(">IBHH")
-_MOST_MS: Final = 0xFFFF_FFFF
-
-
-class FaultWatch:
-    """A detector of faults in all control periods since power-on."""
-
-    def __init__(self, memory: FaultMemory) -> None:
-        self._memory = memory
-        self._power_on_ns: int | None = None
-
-    def seen(self, before: EcuState, after: EcuState, now_ns: int) -> None:
-        is_first, now_ns = self._power_on_ns is None, max(0, now_ns)
-        self._power_on_ns = now_ns if self._power_on_ns is None else self._power_on_ns
-        was, now = before.fail_safe.mode, after.fail_safe.mode
-        if now is was and not is_first:
-            return
-        if now is OperatingMode.CONTROL:
-            self._memory.note(None)
-        elif now is OperatingMode.FAULT and after.fail_safe.reason in CODES:
-            self._memory.note(after.fail_safe.reason, _snapshot(before, after, now_ns - self._power_on_ns))
-
-
-def _snapshot(before: EcuState, after: EcuState, since_power_on_ns: int) -> bytes:
-    """Return the snapshot of the state in which a fault was found, with values in the order of `SNAPSHOT_FORMATS`."""
-    return (
-        _NUMBERS.pack(
-            min(max(0, since_power_on_ns) // 1_000_000, _MOST_MS),
-            before.fail_safe.mode.on_wire,
-            min(after.missed, COUNT_LIMIT),
-            min(after.overruns, COUNT_LIMIT),
-        )
-        + before.memory.window[-1, :SENSORS].astype(np.dtype(">f4")).tobytes()
-    )
 
 
 class TesterAccess(NamedTuple):

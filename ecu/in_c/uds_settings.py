@@ -15,7 +15,7 @@ from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
 from contract.config.vehicle import BusConfig
 from contract.release.checks import dbc_sha256
 from ecu.flashable.links import MOST_FRAMES, XCP_PLACES, isotp_settings
-from ecu.flashable.power_cycle import REMEMBERED_NS
+from ecu.flashable.watched_control import REMEMBERED_NS
 
 UDS_SETTINGS: Final = "sw_uds_settings.h"
 _ISOTP: Final = isotp_settings(BusConfig())

@@ -9,11 +9,11 @@ from contract.model.model_folder import check_free
 from stillwake.console.outputs import check_output, claim
 from stillwake.console.progress import Report
 from train.fitting import unfinished
-from train.fitting.unfinished import Phase, Stopwatch
+from train.fitting.progress import Phase, Stopwatch
 
 
 class TrainingProgress:
-    """A `train.fitting.unfinished.Progress` that shows each phase's progress; `watch` measures the durations."""
+    """A `train.fitting.progress.Progress` that shows each phase's progress; `watch` measures the durations."""
 
     def __init__(self, report: Report) -> None:
         self.watch = Stopwatch()

@@ -17,7 +17,7 @@ from contract.sensor_layout import SensorLayout
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 from train import model_store
-from train.fitting.unfinished import Phase
+from train.fitting.progress import Phase
 from train.networks.samples import fit_scaling, prepare
 from train.pipeline import train_all
 from train.selection.shap_ranking import SensorChoice

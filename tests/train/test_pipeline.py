@@ -16,7 +16,7 @@ from contract.recording import dataset
 from train import model_store
 from train.distillation.evaluate import evaluate
 from train.fitting.fit import fit_joint
-from train.fitting.unfinished import Phase
+from train.fitting.progress import Phase
 from train.networks.samples import prepare
 from train.pipeline import train_all
 

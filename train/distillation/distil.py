@@ -15,7 +15,8 @@ from contract.config.learning import TrainConfig
 from contract.config.tree import Config
 from contract.recording.needs import STRETCH as STRETCH
 from train.fitting.fit import optimise, seeded
-from train.fitting.unfinished import Checkpoints, Phase, Progress, silent
+from train.fitting.progress import Phase, Progress, silent
+from train.fitting.unfinished import Checkpoints
 from train.networks.model import Encoder, prediction_loss
 from train.networks.samples import Rows, SegmentSampler, add_sensor_noise
 

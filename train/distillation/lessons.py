@@ -27,7 +27,8 @@ from contract.config.tree import Config
 from contract.release.manifest import Scaling
 from train.distillation.evaluate import rollout_starts
 from train.fitting.fit import optimise, seeded
-from train.fitting.unfinished import Checkpoints, Phase, Progress, silent
+from train.fitting.progress import Phase, Progress, silent
+from train.fitting.unfinished import Checkpoints
 from train.networks.model import Predictor, WakeModel, prediction_loss
 from train.networks.samples import Rows
 

@@ -19,7 +19,8 @@ from contract.config.learning import TrainConfig
 from contract.config.tree import Config
 from contract.errors import ConfigError, TrainingError
 from train.fitting import unfinished
-from train.fitting.unfinished import Checkpoints, Phase, Progress, Reached, silent
+from train.fitting.progress import Phase, Progress, silent
+from train.fitting.unfinished import Checkpoints, Reached
 from train.networks.model import WakeModel, joint_loss
 from train.networks.samples import Rows, SegmentSampler
 

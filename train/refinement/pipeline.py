@@ -25,7 +25,8 @@ from contract.sensor_layout import SensorLayout
 from train import model_store
 from train.distillation.evaluate import evaluate_model
 from train.fitting.fit import torch_threads, without_denormals
-from train.fitting.unfinished import Checkpoints, Identity, Phase, Progress, silent
+from train.fitting.progress import Phase, Progress, silent
+from train.fitting.unfinished import Checkpoints, Identity
 from train.model_store import TrainedModel
 from train.networks.samples import prepare
 from train.pipeline import deployed, versions

@@ -23,7 +23,8 @@ from contract.config.learning import RefineConfig
 from contract.controller.goal import Goal
 from contract.differentiable import DifferentiableFlow, FlowState
 from contract.side_by_side import process_pool
-from train.fitting.unfinished import Checkpoints, Phase, Progress, Reached, silent
+from train.fitting.progress import Phase, Progress, silent
+from train.fitting.unfinished import Checkpoints, Reached
 from train.refinement.feedback import Feedback
 from train.refinement.windows import Price, Stream, Stretch, StretchReadings, Task, differentiate
 

@@ -24,7 +24,7 @@ from contract.config.learning import SelectionMethod, TrainConfig
 from contract.errors import ConfigError, DatasetError
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
-from train.fitting.unfinished import Phase, Progress, silent
+from train.fitting.progress import Phase, Progress, silent
 from train.networks.model import Encoder
 from train.networks.samples import Rows
 from train.selection.shap_ranking import ShapRanker, check_count, rank

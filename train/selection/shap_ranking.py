@@ -16,7 +16,7 @@ from contract.arrays import Array, Index
 from contract.config.learning import TrainConfig
 from contract.errors import ConfigError, DatasetError
 from contract.sensors import NAMES
-from train.fitting.unfinished import Phase, Progress, silent
+from train.fitting.progress import Phase, Progress, silent
 from train.networks.model import Encoder
 from train.networks.samples import Rows
 

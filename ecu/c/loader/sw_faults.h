@@ -1,5 +1,5 @@
 /* The fault memory: status, age and one snapshot of each trouble code. Its content survives resets. This file
- * corresponds to can_bridge/uds/fault_memory.py and to ecu/flashable/power_cycle.py.
+ * corresponds to can_bridge/uds/fault_memory.py and to ecu/flashable/watched_control.py.
  *
  * The content is written to the store only while no jet can run, and only if it has changed.
  */

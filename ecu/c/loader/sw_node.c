@@ -66,7 +66,7 @@ static int64_t clipped(int64_t now_ns)
 }
 
 /* Runs a control period while no release is booted, or while the booted release is overwritten. Does not read a
- * release; shuts the jets, sends the reason and advances the counters. Corresponds to ecu/flashable/power_cycle.py.
+ * release; shuts the jets, sends the reason and advances the counters. Corresponds to ecu/shut_ecu.py.
  */
 static int shut_step(sw_node *node, int64_t now_ns, sw_frame frames_out[SW_FRAMES_OUT])
 {

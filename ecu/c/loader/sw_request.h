@@ -1,5 +1,5 @@
 /* The UDS codes with which the ECU refuses a tester's request: the vehicle requests control, or the store refuses. This
- * file corresponds to ecu/flashable/power_cycle.py.
+ * file corresponds to ecu/flashable/watched_control.py.
  */
 #ifndef SW_REQUEST_H
 #define SW_REQUEST_H

@@ -7,7 +7,8 @@ import pytest
 from contract.config.loading import training
 from tests.stillwake.test_stops import SMALL
 from train.fitting import unfinished
-from train.fitting.unfinished import Identity, Phase, Reached
+from train.fitting.progress import Phase
+from train.fitting.unfinished import Identity, Reached
 
 
 @pytest.fixture

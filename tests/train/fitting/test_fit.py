@@ -12,7 +12,8 @@ from contract.config.learning import FinishConfig
 from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError, StillwakeError, TrainingError
 from train.fitting.fit import fit_joint
-from train.fitting.unfinished import Checkpoints, Identity, Phase
+from train.fitting.progress import Phase
+from train.fitting.unfinished import Checkpoints, Identity
 from train.networks.model import Encoder
 
 pytestmark = pytest.mark.slow  # networks are trained

@@ -18,7 +18,8 @@ from contract.recording import dataset
 from train import model_store
 from train.fitting import unfinished
 from train.fitting.fit import torch_threads
-from train.fitting.unfinished import Identity, Phase, Reached
+from train.fitting.progress import Phase
+from train.fitting.unfinished import Identity, Reached
 from train.pipeline import train_all
 
 CONFIG = Config()

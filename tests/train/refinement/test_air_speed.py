@@ -10,7 +10,7 @@ from contract.controller.air_speed import FIRST_PERIOD, LAGS, MEAN_PERIODS, feat
 from contract.controller.goal import Goal
 from ecu.controller_memory import ControllerMemory
 from tests.train.refinement.oscillator import MIDDLES, START, Oscillator
-from train.fitting.unfinished import Phase
+from train.fitting.progress import Phase
 from train.refinement.air_speed import DESIGN_SPEED_EVERY, MOST_WRONG, RUN_PERIODS, fit, run, wrong_speeds
 from train.refinement.feedback import Feedback
 from train.refinement.imitation import watch

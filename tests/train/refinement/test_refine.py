@@ -18,7 +18,8 @@ from contract.errors import ConfigError, DatasetError, StillwakeError
 from contract.sensors import TRUCK
 from tests.each import each
 from tests.train.refinement.oscillator import DRAG, MIDDLES, START, Oscillator
-from train.fitting.unfinished import Checkpoints, Identity, Phase, silent
+from train.fitting.progress import Phase, silent
+from train.fitting.unfinished import Checkpoints, Identity
 from train.refinement.feedback import Feedback
 from train.refinement.pipeline import PREDICTOR_RIDGE, SPEEDS_AT_REST, check_pairs, predictor, resting_by_speed
 from train.refinement.refine import Done, Refined, done, refine

@@ -1,0 +1,70 @@
+"""Data that diagnosis gets from the control periods: the vehicle's requests for control, and the faults."""
+
+import struct
+from dataclasses import dataclass, replace
+from typing import Final, Self
+
+import numpy as np
+
+from can_bridge.uds.fault_codes import CODES
+from can_bridge.uds.fault_memory import FaultMemory
+from can_bridge.uds.services import Nrc
+from can_bridge.wire.messages import COUNT_LIMIT, SENSORS
+from ecu.ecu_state import EcuState
+from ecu.fail_safe import OperatingMode
+
+REMEMBERED_NS: Final = 1_000_000_000
+"""Time in ns for which the latest request for control counts, even if the bus is lost or a sensor fails meanwhile."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleRequest:
+    """The time in ns of the latest step with a request for control, or None, and whether the jets may run now."""
+
+    asked_ns: int | None = None
+    drives_jets: bool = False
+
+    def seen(self, before: EcuState, after: EcuState, now_ns: int) -> Self:
+        asks = after.missed == before.missed and after.fail_safe.enable_request
+        return replace(self, asked_ns=now_ns if asks else self.asked_ns, drives_jets=after.fail_safe.mode.drives_jets)
+
+    def refusal(self, now_ns: int) -> Nrc | None:
+        """Return CONDITIONS_NOT_CORRECT while the jets may run and until `REMEMBERED_NS` after a request, else None."""
+        asks = self.asked_ns is not None and now_ns - self.asked_ns < REMEMBERED_NS
+        return Nrc.CONDITIONS_NOT_CORRECT if self.drives_jets or asks else None
+
+
+_NUMBERS: Final = struct.Struct(">IBHH")
+_MOST_MS: Final = 0xFFFF_FFFF
+
+
+class FaultWatch:
+    """A detector of faults in all control periods since power-on."""
+
+    def __init__(self, memory: FaultMemory) -> None:
+        self._memory = memory
+        self._power_on_ns: int | None = None
+
+    def seen(self, before: EcuState, after: EcuState, now_ns: int) -> None:
+        is_first, now_ns = self._power_on_ns is None, max(0, now_ns)
+        self._power_on_ns = now_ns if self._power_on_ns is None else self._power_on_ns
+        was, now = before.fail_safe.mode, after.fail_safe.mode
+        if now is was and not is_first:
+            return
+        if now is OperatingMode.CONTROL:
+            self._memory.note(None)
+        elif now is OperatingMode.FAULT and after.fail_safe.reason in CODES:
+            self._memory.note(after.fail_safe.reason, _snapshot(before, after, now_ns - self._power_on_ns))
+
+
+def _snapshot(before: EcuState, after: EcuState, since_power_on_ns: int) -> bytes:
+    """Return the snapshot of the state in which a fault was found, with values in the order of `SNAPSHOT_FORMATS`."""
+    return (
+        _NUMBERS.pack(
+            min(max(0, since_power_on_ns) // 1_000_000, _MOST_MS),
+            before.fail_safe.mode.on_wire,
+            min(after.missed, COUNT_LIMIT),
+            min(after.overruns, COUNT_LIMIT),
+        )
+        + before.memory.window[-1, :SENSORS].astype(np.dtype(">f4")).tobytes()
+    )
