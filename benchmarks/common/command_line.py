@@ -2,6 +2,7 @@
 of `stillwake`, and the stored parts of a long study, so that an interrupted study can be continued.
 """
 
+import hashlib
 import json
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from stillwake.console.terminal import make_console
 T = TypeVar("T")
 
 ROOT: Final = Path(__file__).resolve().parents[2]
+_OF_A_LOOP: Final = ("contract", "wake", "can_bridge", "ecu", "firmware_sim", "export")
 LOOP: Final = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_Cl_controlled", "rms_action")
 """Figures of `stillwake run --json` by which controllers are compared."""
 
@@ -83,6 +85,16 @@ def part(path: Path, make: Callable[[], Any]) -> Any:
         with replacing(path) as temporary:
             temporary.write_text(json.dumps(made), encoding="utf-8")
     return json.loads(path.read_text(encoding="utf-8"))
+
+
+def made_from(digest: str, *folders: str) -> str:
+    """Return a short hash of a release, of the sources of a closed loop, and of those in further folders. A folder of
+    parts with this name has no parts of other sources."""
+    everything = hashlib.sha256(digest.encode())
+    for path in (path for folder in (*_OF_A_LOOP, *folders) for path in sorted((ROOT / folder).rglob("*"))):
+        if path.suffix in (".py", ".c", ".h", ".toml", ".dbc"):
+            everything.update(path.read_bytes())
+    return everything.hexdigest()[:12]
 
 
 def kept_runs(

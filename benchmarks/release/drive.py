@@ -16,7 +16,7 @@ from typing import Annotated, Any, Final, NamedTuple
 
 import typer
 
-from benchmarks.common.command_line import JsonFile, Parts, Phases, Release, Workers, kept_runs, report
+from benchmarks.common.command_line import JsonFile, Parts, Phases, Release, Workers, kept_runs, made_from, report
 from benchmarks.release.release_loop import facts_of
 from benchmarks.release.tables import drive as drive_table
 from contract.config.loading import load_config
@@ -77,7 +77,7 @@ def main(
     release = bundles.load(bundle)
     config = mesh_of(load_config()) if quick else load_config()
     cases = [case for case in CASES if not only or case.name in only]
-    folder = parts / f"{release.digest[:12]}_{config.flow.refinement:g}_{phases}"
+    folder = parts / f"{made_from(release.digest)}_{config.flow.refinement:g}_{phases}"
     runs = {folder / f"{case.name}_{phase}.json": (case, phase, phases) for case in cases for phase in range(phases)}
     outcomes = kept_runs(partial(outcome, bundle, config), runs, workers=workers, label="drive")
     rows = [_row(case, outcomes[k * phases : (k + 1) * phases]) for k, case in enumerate(cases)]

@@ -17,7 +17,7 @@ import typer
 from scipy.stats import sem
 from scipy.stats import t as student_t
 
-from benchmarks.common.command_line import LOOP, JsonFile, Parts, Phases, Release, kept_runs, report
+from benchmarks.common.command_line import LOOP, JsonFile, Parts, Phases, Release, kept_runs, made_from, report
 from benchmarks.release.tables import release_loop
 from contract.config.loading import load_config
 from contract.config.tree import Config
@@ -84,7 +84,7 @@ def run_from(start: Path, release: Bundle, config: Config, spans: Spans = SPANS,
 
 def kept_starts(parts: Path, release: Bundle, phases: int, config: Config) -> CampaignFolder:
     """Return a folder for a release's runs, with initial states at `phases` phases of the shedding cycle."""
-    kept = CampaignFolder(parts / f"{release.digest[:12]}_{phases}")
+    kept = CampaignFolder(parts / f"{made_from(release.digest)}_{phases}")
     kept.start(0).parent.mkdir(parents=True, exist_ok=True)
     keep_states(kept, starting_states(kept, config, phases))
     return kept

@@ -18,7 +18,18 @@ import numpy as np
 from rich.table import Table
 from scipy.stats import spearmanr
 
-from benchmarks.common.command_line import LOOP, JsonFile, Parts, Phases, Release, Workers, console, kept_runs, save
+from benchmarks.common.command_line import (
+    LOOP,
+    JsonFile,
+    Parts,
+    Phases,
+    Release,
+    Workers,
+    console,
+    kept_runs,
+    made_from,
+    save,
+)
 from benchmarks.release.release_drawings import means
 from benchmarks.release.release_loop import facts_of, run_from
 from contract.config.loading import load_config
@@ -59,7 +70,7 @@ def main(
 ) -> None:
     """Run the loop with every value of each weight from every start, and print a table."""
     release = bundles.load(bundle)
-    folder = started(parts / release.digest[:12], phases)
+    folder = started(parts / made_from(release.digest), phases)
     cases = [
         Case(weight, float(round(share * dearest, 6)), phase)
         for weight, dearest in DEAREST.items()

@@ -21,7 +21,7 @@ from typing import Annotated, Any, ClassVar, Final
 import typer
 from rich.table import Table
 
-from benchmarks.common.command_line import ROOT, JsonFile, console, save, track
+from benchmarks.common.command_line import ROOT, JsonFile, console, made_from, save, track
 from contract.atomic import replacing
 from contract.config.loading import load_config
 from contract.errors import StillwakeError
@@ -41,7 +41,6 @@ CHANGED: Final = 3
 PROCESSES: Final = 2
 PROVENANCE: Final = "provenance.json"
 PARTS: Final = ROOT / "build" / "replay"
-_MADE_BY: Final = ("contract", "wake", "can_bridge", "ecu", "firmware_sim", "export", "tests/replay")
 
 
 class OtherReleaseError(StillwakeError):
@@ -146,7 +145,7 @@ def facts() -> dict[str, Any]:
 
 def renew(chosen: Sequence[Plan]) -> None:
     """Record these drives. Recordings of other drives stay if they belong to the shipped release."""
-    parts = PARTS / _made_from()
+    parts = PARTS / made_from(shipped().digest, "tests/replay")
     parts.mkdir(parents=True, exist_ok=True)
     start, targets = parts / "start.npz", [parts / f"{plan.name}{SUFFIX}" for plan in chosen]
     if not start.exists():
@@ -172,14 +171,6 @@ def renew(chosen: Sequence[Plan]) -> None:
         text = json.dumps({**made, **of, **facts(), "sha256": digests}, indent=2)
         (temporary / PROVENANCE).write_text(text + "\n", encoding="utf-8")
     shutil.rmtree(parts)
-
-
-def _made_from() -> str:
-    everything = hashlib.sha256(shipped().digest.encode())
-    for path in (path for folder in _MADE_BY for path in sorted((ROOT / folder).rglob("*"))):
-        if path.suffix in (".py", ".c", ".h", ".toml", ".dbc"):
-            everything.update(path.read_bytes())
-    return everything.hexdigest()[:12]
 
 
 def _is_chosen(name: str, only: Sequence[str]) -> bool:
