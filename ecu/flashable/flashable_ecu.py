@@ -144,11 +144,11 @@ class FlashableEcu:
 
     def _take_over(self) -> None:
         """Use the release that was booted last, perhaps in another thread, for control from now on."""
-        cycle = self._serviced
-        if cycle is self._controlled:
+        if (cycle := self._serviced) is self._controlled:
             return
-        before = self._ecu.state
-        cycle.ecu.restore(replace(cycle.ecu.state, verifier=before.verifier, freshness=before.freshness))
+        before, booted = self._ecu.state, cycle.ecu.state
+        speed = replace(booted.speed, verifier=before.speed.verifier)
+        cycle.ecu.restore(replace(booted, verifier=before.verifier, speed=speed, freshness=before.freshness))
         self._request = VehicleRequest()
         self._wants_reset = False
         self._controlled = cycle

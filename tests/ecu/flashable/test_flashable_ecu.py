@@ -92,21 +92,27 @@ def test_the_end_of_the_session_leads_back_to_the_release_before(rig: Rig, end: 
 
 
 @pytest.mark.slow
-def test_with_a_key_no_freshness_comes_twice_over_resets_and_releases(tmp_path: Path) -> None:
+def test_with_a_key_no_freshness_comes_or_is_taken_twice_over_resets_and_releases(tmp_path: Path) -> None:
     write_key(tmp_path / "bus.key", bytes(range(1, 17)))
     config = Config(bus=BusConfig(key=str(tmp_path / "bus.key")))
     provision(tmp_path / "ecu", None)
     rig = Rig(tmp_path / "ecu", config, authentication=Authentication(key=read_key(tmp_path / "bus.key"), trip=7))
     rig.run(200)
     rig.start(image("first"))
-    rig.run(200)
+    rig.run_asking(False, 200)
+    heard = [one.freshness for one in (rig.ecu.state.verifier, rig.ecu.state.speed.verifier)]
+    rig.run_asking(None, 1100)
+    rig.programming()
+    rig.reset()
+    assert [one.freshness for one in (rig.ecu.state.verifier, rig.ecu.state.speed.verifier)] == heard
+    assert min(heard) > 0
     spec = JET_COMMAND_SECURED
     values = [
         int.from_bytes(frame.data[spec.protected : spec.protected + FRESHNESS_LENGTH], "big")
         for frame in rig.sent
         if spec.names(frame)
     ]
-    assert rig.ecu.resets == 1
+    assert rig.ecu.resets == 2
     assert values == list(range(values[0], values[0] + len(values)))
     assert values[0] == 7 << 32
 
