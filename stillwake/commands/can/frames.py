@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from can_bridge.tools.traffic import Summary, Traffic
     from contract.config.vehicle import BusConfig
 
-BUS: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_bitrate")
+BUS: Final = ("bus.interface", "bus.channel", "bus.frames", "bus.nominal_bitrate", "bus.data_bitrate")
 """Settings for the connection to a bus."""
 
 Channel = Annotated[str | None, typer.Option(help="Name of a channel in the log.", metavar="NAME", show_default=False)]
@@ -76,8 +76,7 @@ def send(
     with open_bus(config) as opened, until_stopped() as is_stopped, progress("rounds") as report:
         begin = time.monotonic()
         while sent < count and not is_stopped():
-            left = begin + sent * period - time.monotonic()
-            if left > 0:
+            if (left := begin + sent * period - time.monotonic()) > 0:
                 time.sleep(min(left, 0.2))
                 continue
             opened.send_message(stamped(time.time()))
@@ -101,6 +100,8 @@ def _frames(
     from can_bridge.tools.signals import encode
 
     spec, data = encode(name, values)
+    if spec.is_fd and config.frames == "classic":
+        raise ConfigError(f"bus.frames = classic: {name} is a CAN FD message; use a message ending in Classic")
     if spec.is_secured:
         if not config.key:
             raise BusError(f"{name}: is sent with an authentication code; name its key with --set bus.key=FILE")
@@ -184,9 +185,8 @@ def decode(
     figures = {**found.figures(), "events": dict(log.events)}
     save_json(json_file, figures=figures, facts={"log": file.name, "config": used}, packages=("python-can",))
     _print_summary(found, log)
-    for path in (csv_file, json_file):
-        if path is not None:
-            console.print(f"wrote {path}")
+    for path in filter(None, (csv_file, json_file)):
+        console.print(f"wrote {path}")
 
 
 def _line(traffic: "Traffic", first: str) -> str:

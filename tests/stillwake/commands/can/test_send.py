@@ -36,6 +36,7 @@ SEND = {
     "Pressure --trip 2": "Pressure has no freshness value",
     "Pressure --set bus.key=key.bin": "is sent without authentication",
     "PressureClassic --counter 16": "--counter 16: must be in 0..15 for PressureClassic",
+    "Pressure --set bus.frames=classic": "Pressure is a CAN FD message; use a message ending in Classic",
     "Pressure --period nan": "--period nan: must be a number above 0",
     "Pressure --set bus.interface=simulated": "that bus exists only within a run",
     "Pressure --set ecu.delay_steps=1": "`can send` does not use it",
@@ -49,6 +50,9 @@ def test_send_puts_protected_frames_on_the_bus(cli, peer):
     assert [(one.arbitration_id, one.is_fd, one.bitrate_switch) for one in frames] == [(0x130, True, True)] * 3
     assert [one.data[2] for one in frames] == [254, 255, 0]
     assert all(PROFILE_5.check(bytes(one.data), data_id=0x5702) for one in frames)
+    # An adapter of classic CAN cannot be opened for CAN FD.
+    for words in (("send", "PressureClassic"), ("monitor", "--for", 0.1)):
+        assert cli("can", *words, "--set", "bus.frames=classic", *VIRTUAL).code == 0
 
 
 def test_send_signs_messages_of_the_secured_set_with_a_key_that_is_written_once(cli, peer, tmp_path):
