@@ -19,6 +19,7 @@ from tests.can_bridge.flashing.releases import RELEASE, SECOND, keys, provisione
 from tests.can_bridge.flashing.store_ecu import SECRET, VALUES, StoreEcu
 from tests.can_bridge.tester.ecu_to_flash import SHIPPED, EcuToFlash
 from tests.can_bridge.tester.served import served
+from tests.stillwake.commands.test_bundle_diff import image_of as unsigned_image
 
 NUMBERS = count()
 
@@ -169,6 +170,12 @@ def test_a_newer_key_list_is_taken_and_nothing_else(cli, refused, bus, tmp_path)
     more = ("--bus", f"virtual:{bus.channel}", "--access", tmp_path / "access.key")
     with served(ecu, bus):
         path.write_bytes(keys(3, RELEASE, SECOND))
+        (tmp_path / "a.swi").write_bytes(unsigned_image())
+        for options, words in (
+            (("none",), "none"),
+            ((tmp_path / "a.swi", "--trust", "project"), "must be signed by key"),
+        ):
+            assert words in refused("flash", *options, "--keys", path, *more)
         assert cli("flash", "--keys", path, *more).out == "the ECU has key list 3, and had 1\n"
         # An older one, one without the key of the confirmed release, one of another root key.
         for raw in (keys(2, RELEASE), keys(4, SECOND), keys(5)[:-1]):

@@ -15,7 +15,7 @@ from stillwake.console.progress import Report, progress, span
 from stillwake.console.settings import TESTERS_BUS, settings, with_bus
 from stillwake.console.stopping import go_on_with
 from stillwake.console.terminal import console
-from stillwake.parts.releases import describe, open_release
+from stillwake.parts.releases import describe, locate, open_release
 
 if TYPE_CHECKING:
     from can_bridge.tester.facts import EcuFacts
@@ -62,17 +62,19 @@ def flash(
     config = settings("flash", with_bus(bus, given), uses=TESTERS_BUS).config
     if access is None and (keys is not None or not dry_run):
         raise ConfigError("--access: must name the ECU's key file; only --dry-run needs no key")
+    if keys is not None and dry_run:
+        raise ConfigError("--keys: the key list is written at once; leave it out with --dry-run")
+    # The release is opened before the key list is sent, so that nothing is sent if the release cannot be used.
+    opened = None if bundle is None else _opened(bundle, trust)
     if keys is not None:
-        if dry_run:
-            raise ConfigError("--keys: the key list is written at once; leave it out with --dry-run")
         from can_bridge.tester.transfer import bring
 
         raw = _read(keys)
         with asking(config.bus, access) as ecu:
             before, after = bring(ecu, raw)
         console.print(f"the ECU has key list {after}, and had {before or 'none'}")
-    if bundle is not None:
-        _bring_release(bundle, trust, config.bus, access, dry_run=dry_run, confirm=not no_confirm)
+    if opened is not None:
+        _bring_release(opened, config.bus, access, dry_run=dry_run, confirm=not no_confirm)
 
 
 def _read(path: Path) -> bytes:
@@ -86,25 +88,31 @@ def _read(path: Path) -> bytes:
     return raw
 
 
+def _opened(path: Path, trust: str | None) -> tuple[str, bytes, Bundle | None]:
+    """Return the release's name, its image and, unless the file is an image, the bundle."""
+    from contract.release.container import image_of, read_files
+    from contract.release.difference import is_image, opened
+
+    if is_image(path):
+        # The ECU itself checks the hardware for which the image was made.
+        name, image = opened(*locate(path, trust)).facts.name, path.read_bytes()
+        console.print(f"image {name}, {len(image)} bytes")
+        return name, image, None
+    release = open_release(path, trust)
+    console.print(*describe(release), sep="\n")
+    return release.manifest.name, image_of(read_files(path)), release
+
+
 def _bring_release(
-    bundle: Path, trust: str | None, bus: BusConfig, access: Path | None, *, dry_run: bool, confirm: bool
+    opened: tuple[str, bytes, Bundle | None], bus: BusConfig, access: Path | None, *, dry_run: bool, confirm: bool
 ) -> None:
     from can_bridge.tester.facts import check_fits
     from can_bridge.tester.sequence import flash as flash_ecu
     from can_bridge.tester.transport import open_client
     from can_bridge.uds.security import AccessKey
-    from contract.release.container import image_of, read_files
-    from contract.release.difference import is_image, opened
 
+    name, image, release = opened
     key = None if access is None else AccessKey.read(access)
-    release = None if is_image(bundle) else open_release(bundle, trust)
-    if release is None:
-        # The ECU itself checks the signer of the image and the hardware for which the image was made.
-        name, image = opened(bundle).facts.name, bundle.read_bytes()
-        console.print(f"image {name}, {len(image)} bytes")
-    else:
-        name, image = release.manifest.name, image_of(read_files(bundle))
-        console.print(*describe(release), sep="\n")
 
     def judge(facts: "EcuFacts") -> None:
         console.print(f"ECU {facts.serial_number}, {facts.hardware}: runs {_running(facts)}")
@@ -173,9 +181,8 @@ def _running(facts: "EcuFacts") -> str:
 def _effort(flashed: "Flashed", length: int) -> str:
     if flashed.resumed_from is None:
         return ""
-    sent = length - flashed.resumed_from
     again = f", {flashed.unanswered} requests sent again" if flashed.unanswered else ""
-    return f"; {sent} bytes sent, {span(flashed.seconds)} in all{again}"
+    return f"; {length - flashed.resumed_from} bytes sent, {span(flashed.seconds)} in all{again}"
 
 
 def _comparison(release: Bundle, length: int, facts: "EcuFacts") -> Table:
