@@ -190,11 +190,10 @@ def bus_load(config: Config) -> BusLoad:
     others = background(bus)
     ours = loop_messages(config, others.messages)
     everyone = _by_priority((*ours, *others.messages))
-    names = {message.name for message in ours}
     loads = tuple(
         MessageLoad(
             message=message,
-            ours=message.name in names,
+            ours=message in ours,
             worst_ns=message.worst_ns(bus),
             mean_ns=mean_ns(message, bus),
             response=response,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from can_bridge.timing.background import PeriodicMessage
+from can_bridge.timing.background import BackgroundTraffic, PeriodicMessage
 from can_bridge.timing.bus_load import (
     MessageTiming,
     bus_load,
@@ -151,6 +151,12 @@ def test_traffic_above_ours_reaches_the_answers_through_the_pressures():
     assert command.jitter_ns == alone[2].jitter_ns + above.worst_ns(config().bus)
     assert status.jitter_ns == command.jitter_ns
     assert (pressure, speed) == alone[:2]
+
+
+def test_a_message_of_another_node_with_the_name_of_ours_is_not_ours(monkeypatch):
+    other = PeriodicMessage(name="VehicleSpeed", frame_id=0x1A0, is_fd=False, length=8, period_ns=10**7)
+    monkeypatch.setattr("can_bridge.timing.bus_load.background", lambda bus: BackgroundTraffic(messages=(other,)))
+    assert [one.message for one in bus_load(config()).messages if not one.ours] == [other]
 
 
 def test_mean_length_is_that_of_many_contents():
