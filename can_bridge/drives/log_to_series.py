@@ -114,6 +114,8 @@ def series_of(
     interval_s = usual_interval(log.pressures, modulus)
     if interval_s is None:
         raise DatasetError(f"{path}: none of its pressures are consecutive: frames between them are missing")
+    if interval_s <= 0.0:
+        raise DatasetError(f"{path}: most of its pressures are no later than the pressure before: its times are coarse")
     if speeds is None:
         nominal_s, point = scales.period_s, scales.point
         _check_period(path, interval_s, scales)

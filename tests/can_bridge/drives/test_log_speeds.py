@@ -117,6 +117,12 @@ def test_rows_without_a_speed_are_gaps_and_jumps_are_not_believed() -> None:
         read(with_speeds(one, [0.0] * 120))
     with refused(DatasetError, r"control period of 0\.2 W / U_inf; but flow.control_period is 2 "):
         series_of(LOG, with_speeds(one, [25.0] * 120), replace(SCALES, period=2.0), fill=2, split=False)
+    # A logger that stamps several periods with one time.
+    coarse = with_speeds(one, [25.0] * 120)
+    for message in coarse:
+        message.timestamp -= message.timestamp % 0.1
+    with refused(DatasetError, r"most of its pressures are no later than the pressure before"):
+        read(coarse)
 
 
 def test_a_log_of_two_buses_is_read_by_channel() -> None:
