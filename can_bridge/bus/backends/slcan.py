@@ -116,7 +116,7 @@ class SlcanBus(slcanBus):
                 left = max(0.0, deadline - time.monotonic())
                 if written == len(line) or not select.select([], [port.fd], [], left)[1]:
                     break
-        except OSError as error:
+        except (OSError, TypeError) as error:  # if another thread closes the port meanwhile, `fd` becomes None
             raise can.CanOperationError(f"the serial port failed: {error}") from error
         if written < len(line):
             self._line_cut = self._line_cut or written > 0

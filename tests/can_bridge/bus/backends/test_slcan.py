@@ -139,6 +139,16 @@ def test_port_that_takes_no_more_is_reported_in_time_and_cuts_one_line_only(line
         assert why_refused(cut) in (Rejection.WRONG_LENGTH, Rejection.GARBAGE)
 
 
+def test_a_port_that_another_thread_closes_during_a_write_is_an_error_of_the_bus(bus, monkeypatch):
+    def closed_meanwhile(fd: int, content: bytes) -> int:
+        bus._bus.serialPortOrig.close()
+        raise BlockingIOError
+
+    monkeypatch.setattr(os, "write", closed_meanwhile)
+    with pytest.raises(BusError, match="was not sent: the serial port failed"):
+        bus.send(FRAME)
+
+
 def test_classic_bus_and_bit_rates_that_the_protocol_does_not_have(line):
     usual = BusConfig(interface="slcan", channel=line.port)
     with PythonCanBus.open(replace(usual, frames="classic")) as classic:
