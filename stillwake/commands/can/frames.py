@@ -236,7 +236,7 @@ def _print_summary(found: "Summary", log: "CanLog") -> None:
     from can_bridge.tools.raw_bus import id_text
 
     # Times are counted from the first frame, so that the numbers are short and all columns fit into 80 characters.
-    begin_ns = min((one.first_ns for one in found.messages.values()), default=0)
+    begin_ns = round((found.first_s or 0.0) * 1e9)
     several = len(found.busy_ns) > 1
     table = Table(box=SIMPLE_HEAD, padding=0)
     for name in (*(("channel",) if several else ()), "id", "message"):

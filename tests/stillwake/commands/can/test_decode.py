@@ -133,7 +133,7 @@ def test_the_summary_counts_what_is_no_frame_by_its_name_and_reads_each_bus_by_i
     lines = [errors[0], *candump_l(sent), *candump_l(sent, "can1"), errors[1]]
     (tmp_path / "two.log").write_text("\n".join(lines) + "\n")
     both = flat(cli("can", "decode", tmp_path / "two.log", "--summary").out)
-    assert "2 error frames (controller 1, protocol and bus error 1)" in both
+    assert "2 error frames (controller 1, protocol and bus error 1) in 0.125000 s from 0.200000;" in both
     assert "can0 120 Pressure 4" in both and "can1 120 Pressure 4" in both
     one = flat(cli("can", "decode", tmp_path / "two.log", "--summary", "--channel", "can1").out)
     assert "16 data frames, 0 remote, 0 error frames" in one
