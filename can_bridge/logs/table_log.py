@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import quote
 
+from can_bridge.logs import entries
 from can_bridge.logs.entries import BRS, FD_FRAME, FD_IDS, HEADER_LINE, Entry, Lines, LogEvent, error_frame, frame
 from contract.printable import quoted
 
@@ -56,5 +57,5 @@ def _entry(time_s: float, frame_id: int, flags: list[bool], dlc: int, data: byte
         return frame(time_s, "", (frame_id, is_extended), None, dlc=dlc)
     if dlc != len(data):
         raise ValueError(f"{dlc} bytes announced, {len(data)} present")
-    is_fd = len(data) > 8 or (frame_id in FD_IDS and not is_extended)
+    is_fd = entries.check_length(dlc, is_fd=True) > 8 or (frame_id in FD_IDS and not is_extended)
     return frame(time_s, "", (frame_id, is_extended), data, fd=FD_FRAME | BRS if is_fd else 0)

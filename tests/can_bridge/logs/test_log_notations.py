@@ -277,6 +277,9 @@ def test_tables_that_python_can_writes_are_read(tmp_path):
             identity(one)[:4] + identity(one)[7:] for one in sent
         ], suffix
         assert (remote.is_remote_frame, remote.dlc, error.is_error_frame) == (True, 3, True), suffix
+        write(tmp_path / f"b{suffix}", [can.Message(is_fd=True, dlc=10, data=bytes(10))])
+        with refused(BusError, "10 bytes are not a length of CAN FD"):
+            list(CanLog(tmp_path / f"b{suffix}"))
 
 
 def test_a_channel_is_chosen_by_its_name(tmp_path):
