@@ -125,7 +125,8 @@ def run(
     check_frames(frames)
     texts = with_bus(bus, given)
     if mcu is not None:
-        _refuse("--mcu runs a firmware", trust=trust, slots=slots, periods=periods, metrics=metrics, frames=frames)
+        of_process = {"stage-times": stage_times, "freshness": freshness, "spin": spin or None, "metrics": metrics}
+        _refuse("--mcu runs a firmware", trust=trust, slots=slots, periods=periods, frames=frames, **of_process)
         needed = {"library": library, "root": root, "access": access}
         _run_firmware(texts, bundle, mcu, hardware or "mcu", **_needed("--mcu", **needed))
     elif slots is not None:

@@ -135,6 +135,9 @@ def test_what_cannot_run_of_a_folder_is_one_line(good, all_refused):
             f"{slots} --trust x": "--trust: --slots runs",
             "--mcu f.bin --root r --access a": "--mcu: needs --library; `stillwake export --c` writes one",
             f"{slots} --mcu f.bin": "--slots: --mcu runs a firmware",
+            "--mcu f.bin --stage-times x.npz": "--stage-times: --mcu runs a firmware",
+            "--mcu f.bin --freshness x": "--freshness: --mcu runs a firmware",
+            "--mcu f.bin --spin 20": "--spin: --mcu runs a firmware",
             f"{slots} --set mpc.weights.lift=0.1": "`ecu --slots` does not use it",
         },
     )
