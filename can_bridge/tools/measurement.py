@@ -113,7 +113,7 @@ def groups_of(messages: Iterable[can.Message]) -> tuple[list[ChannelGroup], Coun
             for i, one in enumerate(values[0])
             if one.name not in _IN_THE_FRAME
         )
-        full = name if channel == first else re.sub(r"\W+", "_", f"{name}_{channel}")
+        full = name if channel == first else re.sub(r"\W+", "_", f"{name}_{channel}", flags=re.ASCII)
         groups.append(ChannelGroup(name=full, times_s=np.array(times), channels=channels, comment=f"channel {channel}"))
     return groups, skipped
 

@@ -105,11 +105,11 @@ def test_damaged_frames_are_counted_by_name_and_a_second_channel_has_its_own_gro
     for one in sent[:4:2]:
         one.data[0] ^= 1
     for one in sent[10:]:
-        one.channel = "can7"
+        one.channel = "bus ä7"  # names of groups are ASCII in MCAP
     groups, skipped = groups_of(sent)
     assert skipped == {"Pressure with a wrong CRC, length or value": 2}
     counts = {one.name: len(one.times_s) for one in groups}
-    assert set(counts) == {"Pressure", "JetCommand", "Pressure_can7", "JetCommand_can7"}
+    assert set(counts) == {"Pressure", "JetCommand", "Pressure_bus_7", "JetCommand_bus_7"}
     assert sum(counts.values()) == len(sent) - 2
 
 
