@@ -57,4 +57,4 @@ class Notifier:
         address = "\0" + self._address[1:] if self._address.startswith("@") else self._address
         # A failed notification must not affect the control loop; without signals systemd restarts the process.
         with suppress(OSError):
-            self._socket.sendto(text.encode(), address)
+            self._socket.sendto(text.encode(errors="backslashreplace"), address)

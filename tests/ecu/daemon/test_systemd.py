@@ -44,12 +44,12 @@ def test_it_sends_what_the_protocol_has(tmp_path):
         systemd = Systemd(address)
         notifier = Notifier({"NOTIFY_SOCKET": address}, pid=1)
         notifier.ready("OFF")
-        # A status of several lines is one assignment.
-        notifier.status("bus lost:\nREADY=1")
+        # A status of several lines is one assignment; a path need not be UTF-8.
+        notifier.status("bus lost:\nREADY=1 \udcff")
         notifier.stopping()
         notifier.close()
         notifier.status("too late")
-        assert systemd.heard() == ["READY=1\nSTATUS=OFF", "STATUS=bus lost: READY=1", "STOPPING=1"], address
+        assert systemd.heard() == ["READY=1\nSTATUS=OFF", "STATUS=bus lost: READY=1 \\udcff", "STOPPING=1"], address
         systemd.close()
 
 
