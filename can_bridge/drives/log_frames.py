@@ -120,8 +120,7 @@ class _Bus:
         # A 29-bit identifier belongs to another node, so its number here must differ from every 11-bit identifier.
         frame_id = message.arbitration_id + (message.is_extended_id << 32)
         self.seen[frame_id] += 1
-        spec = specs.get(frame_id)
-        if spec is None:
+        if (spec := specs.get(frame_id)) is None:
             return
         data = bytes(message.data)
         profile = profile_of(spec)

@@ -111,8 +111,7 @@ def series_of(
         profile_of(one.spec).counter_period for one in (log.messages.pressure, log.messages.command)
     )
     speeds = vehicle_speeds(log.speeds, log.messages, scales.believed)
-    interval_s = usual_interval(log.pressures, modulus)
-    if interval_s is None:
+    if (interval_s := usual_interval(log.pressures, modulus)) is None:
         raise DatasetError(f"{path}: none of its pressures are consecutive: frames between them are missing")
     if interval_s <= 0.0:
         raise DatasetError(f"{path}: most of its pressures are no later than the pressure before: its times are coarse")

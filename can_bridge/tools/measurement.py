@@ -94,9 +94,7 @@ def groups_of(messages: Iterable[can.Message]) -> tuple[list[ChannelGroup], Coun
     rows: dict[tuple[str, str], tuple[list[float], list[tuple[SignalValue, ...]]]] = {}
     skipped = Counter[str]()
     for message in messages:
-        frame = frame_of(message)
-        decoded = None if frame is None else decode(frame)
-        if frame is None or decoded is None:
+        if (frame := frame_of(message)) is None or (decoded := decode(frame)) is None:
             continue
         spec = decoded.spec
         if not decoded.signals or not profile_of(spec).check(frame.data[: spec.protected], data_id=spec.data_id):

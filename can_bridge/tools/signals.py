@@ -61,8 +61,7 @@ _OWN: Final[Mapping[int, Message[Pressure] | Message[VehicleSpeed] | Message[Jet
 
 def decode(frame: Frame) -> Decoded | None:
     """Return the content of one of stillwake's messages, decoded by our own codec; None for any other message."""
-    message = None if frame.is_extended else _OWN.get(frame.frame_id)
-    if message is None:
+    if (message := None if frame.is_extended else _OWN.get(frame.frame_id)) is None:
         return None
     spec, data = message.spec, frame.data
     value = message.parse(data[: spec.protected]) if len(data) == spec.length else None

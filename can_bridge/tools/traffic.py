@@ -264,8 +264,7 @@ class Summary:
         time_s = message.timestamp
         self.first_s = time_s if self.first_s is None else min(time_s, self.first_s)
         self.last_s = time_s if self.last_s is None else max(time_s, self.last_s)
-        frame = frame_of(message)
-        if frame is None:
+        if (frame := frame_of(message)) is None:
             if message.is_error_frame:
                 self.errors[error_class(message)] += 1
             self.remote += message.is_remote_frame and not message.is_error_frame
@@ -281,8 +280,7 @@ class Summary:
         if place not in self.messages and len(self.messages) == self.most:
             self.unlisted += 1
             return None
-        traffic = self.messages.get(place)
-        if traffic is None:
+        if (traffic := self.messages.get(place)) is None:
             carries = self.config.diagnosis.names.get(frame.identifier, "")
             traffic = self.messages[place] = Traffic(self.config.e2e, self.key, channel, carries=carries)
         traffic.add(frame, round(time_s * 1e9))

@@ -265,8 +265,7 @@ class ReceiveThread:
     def _run(self) -> None:
         try:
             while not self._stop.is_set():
-                frame = self._bus.receive(POLL_S)
-                if frame is not None:
+                if (frame := self._bus.receive(POLL_S)) is not None:
                     self._deliver(frame)
         except BaseException as error:  # noqa: BLE001 - an error that ends a thread is lost unless it is stored
             self.fault = error

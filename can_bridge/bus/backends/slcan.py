@@ -38,8 +38,7 @@ OPENING_TIMEOUT_S: Final = 2.0
 
 def why_refused(line: bytes) -> Rejection | None:
     """Return the reason why a line is not a frame; None if it is a frame. `line` has no line end. Never raises."""
-    match = _LINE.fullmatch(line)
-    if match is None:
+    if (match := _LINE.fullmatch(line)) is None:
         return Rejection.GARBAGE
     kind, code, digits = match[1] or match[2], int(match[3], 16), match[4]
     if code > 8 and kind not in b"dDbB":
@@ -83,8 +82,7 @@ class SlcanBus(slcanBus):
 
     def _next_line(self) -> bytes | None:
         """Return the next complete line without its line end; None if no complete line has arrived."""
-        end = _ENDS.search(self._buffer)
-        if end is None:
+        if (end := _ENDS.search(self._buffer)) is None:
             if len(self._buffer) > LINE_LIMIT:
                 self._buffer.clear()
                 raise UnusableReceptionError(Rejection.GARBAGE)

@@ -114,8 +114,7 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
             raise
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        received = self._multicast.recv(timeout)
-        if received is None:
+        if (received := self._multicast.recv(timeout)) is None:
             return None, False
         datagram, _, timestamp = received
         message = parse_datagram(datagram, timestamp=timestamp)
