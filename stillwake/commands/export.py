@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 
 _LIBRARY: Final = "holds a C library already"
 _NO_BUNDLE: Final = (
-    "no BUNDLE to write: name MODEL and BUNDLE; for the shipped bundle, give --c, --fmu, --image or "
-    "--for-testers without MODEL; --for-testers also accepts another bundle in place of MODEL"
+    "no BUNDLE to write: name MODEL and BUNDLE, also for --precision, --name, --dataset, --estimator; for the shipped "
+    "bundle, give --c, --fmu, --image or --for-testers without MODEL; --for-testers accepts another bundle as MODEL"
 )
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
@@ -76,8 +76,8 @@ def export(
             metavar="BUNDLE", help="Bundle directory to write; without it, files are for the shipped bundle."
         ),
     ] = None,
-    precision: Annotated[str, typer.Option(help="int8 (weights) or float32.")] = "int8",
-    name: Annotated[str, typer.Option(help="Name of the release.")] = "truck-wake",
+    precision: Annotated[str | None, typer.Option(help="int8 (default) or float32.")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the release; default: truck-wake.")] = None,
     dataset: shared.DataSet = None,
     c: Annotated[Path | None, typer.Option("--c", help="Also write the C99 library into this folder.")] = None,
     fmu: Fmu = None,
@@ -110,9 +110,9 @@ def export(
         key=None if key is None else read_private_key(key),
     )
     if output is None:
-        if estimator or dataset is not None or (key is not None and image is None) or not files.any_given:
+        if not files.any_given or estimator or (precision, name, dataset) != (None, None, None):
             raise OutputError(_NO_BUNDLE)
-        if model is not None and files.in_c:
+        if (key is not None and image is None) or (model is not None and files.in_c):
             raise OutputError(_NO_BUNDLE)
         files.check(overwrite=overwrite)
         if files.in_c:
@@ -209,8 +209,8 @@ def _export_model(
     config: Config,
     dataset: Path | None,
     *,
-    name: str,
-    precision: str,
+    name: str | None,
+    precision: str | None,
     estimator: bool,
 ) -> None:
     from export.program.controller_program import program_of
@@ -227,11 +227,11 @@ def _export_model(
         done, release = export_all(
             model,
             output,
-            name=name,
+            name="truck-wake" if name is None else name,
             recording=used,
             config=config,
             created=date.today(),
-            precision=precision,
+            precision="int8" if precision is None else precision,
             library=c_library(folder, config, console.print) if files.in_c else None,
             key=files.key,
             named=dataset is not None,

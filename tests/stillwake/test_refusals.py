@@ -112,6 +112,8 @@ BEFORE_THE_WORK = {
     "export": "for the shipped bundle, give --c, --fmu, --image or",
     "export --c d --estimator": "for the shipped bundle, give --c, --fmu, --image or",
     "export --c d --dataset other.h5": "for the shipped bundle, give --c, --fmu, --image or",
+    "export --c d --precision float32": "for the shipped bundle, give --c, --fmu, --image or",
+    "export unsigned --for-testers d --name x": "for the shipped bundle, give --c, --fmu, --image or",
     "export model --c d": "for the shipped bundle, give --c, --fmu, --image or",
     "export --c d --set ecu.loss_window=65": "ecu.loss_window = 65: the ECU in C accepts at most 64",
     "export model b --fmu d.fmu --set ecu.deadline_window=33": "ecu.deadline_window = 33: the ECU in C",
