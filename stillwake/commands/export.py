@@ -25,7 +25,7 @@ from contract.release.signing import public_key, read_private_key
 from contract.shipped import recording
 from firmware_sim.fmu.kinds import FmuKind, kind_and_path
 from stillwake.console import options as shared
-from stillwake.console.outputs import check_json, check_output, save_json
+from stillwake.console.outputs import check_apart, check_json, check_output, save_json
 from stillwake.console.progress import phases
 from stillwake.console.settings import TESTERS_BUS, read_settings, settings
 from stillwake.console.terminal import console, print_table
@@ -102,17 +102,12 @@ def export(
     FOLDER` writes the files for testers of the shipped bundle, and `export BUNDLE --for-testers FOLDER` writes the
     files of another bundle; neither command needs an ECU.
     """
-    files = _Files(
-        c=c,
-        fmu=None if fmu is None else kind_and_path(fmu),
-        image=image,
-        for_testers=for_testers,
-        key=None if key is None else read_private_key(key),
-    )
+    of_fmu, private = None if fmu is None else kind_and_path(fmu), None if key is None else read_private_key(key)
+    files = _Files(c=c, fmu=of_fmu, image=image, for_testers=for_testers, key=private)
+    check_apart(output or model, c, of_fmu and of_fmu[1], image, for_testers)
     if output is None:
-        if not files.any_given or estimator or (precision, name, dataset) != (None, None, None):
-            raise OutputError(_NO_BUNDLE)
-        if (key is not None and image is None) or (model is not None and files.in_c):
+        is_of_shipped = files.any_given and not (files.in_c and model) and (image or not key)
+        if not is_of_shipped or estimator or (precision, name, dataset) != (None, None, None):
             raise OutputError(_NO_BUNDLE)
         files.check(overwrite=overwrite)
         if files.in_c:
@@ -154,6 +149,8 @@ class _Files:
         if self.c is not None:
             check_output(self.c, overwrite=overwrite, folder=True, occupant=_LIBRARY, mark=PROGRAM_SETTINGS)
         if self.for_testers is not None:
+            if (self.for_testers / PROGRAM_SETTINGS).exists():
+                raise OutputError(f"{self.for_testers}: {_LIBRARY}; name another folder")
             check_output(self.for_testers, overwrite=overwrite, folder=True, mark=A2L)
         if self.image is not None and self.image.suffix.lower() not in FORMATS:
             raise OutputError(f"--image {self.image}: must be a file ending in {' or '.join(FORMATS)}")
