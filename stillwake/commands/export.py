@@ -11,7 +11,6 @@ import typer
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from can_bridge.wire.messages import SENSORS
-from contract.atomic import replacing
 from contract.config.loading import from_tree
 from contract.config.tree import Config
 from contract.controller.c_folder import PROGRAM_SETTINGS, read_recorded, read_sources
@@ -19,8 +18,8 @@ from contract.errors import ConfigError, ConflictError, ModelError, OutputError,
 from contract.model import model_folder
 from contract.release import bundle as bundles
 from contract.release.checks import Bundle
-from contract.release.container import read_files
-from contract.release.controller_image import FORMATS
+from contract.release.container import read_files, write_files
+from contract.release.controller_image import FORMATS, name_bytes
 from contract.release.signing import public_key, read_private_key
 from contract.shipped import recording
 from firmware_sim.fmu.kinds import FmuKind, kind_and_path
@@ -105,6 +104,8 @@ def export(
     of_fmu, private = None if fmu is None else kind_and_path(fmu), None if key is None else read_private_key(key)
     files = _Files(c=c, fmu=of_fmu, image=image, for_testers=for_testers, key=private)
     check_apart(output or model, c, of_fmu and of_fmu[1], image, for_testers)
+    if image is not None and name is not None:
+        name_bytes("name", name)
     if output is None:
         is_of_shipped = files.any_given and not (files.in_c and model) and (image or not key)
         if not is_of_shipped or estimator or (precision, name, dataset) != (None, None, None):
@@ -178,10 +179,7 @@ class _Files:
         if self.for_testers is None:
             return
         found = descriptions(release, config)
-        with replacing(self.for_testers) as folder:
-            folder.mkdir()
-            for name, content in found.items():
-                (folder / name).write_bytes(content)
+        write_files(self.for_testers, found)
         console.print(f"wrote {self.for_testers}: {', '.join(found)} of {release.manifest.name}")
 
     def print(self) -> None:

@@ -125,6 +125,7 @@ BEFORE_THE_WORK = {
     "export unsigned --for-testers unsigned/d": "unsigned/d: is unsigned or lies in it",
     "export model link --image unsigned/d.swi --overwrite": "unsigned/d.swi: is link or lies in it",
     "bundle inspect unsigned --sbom unsigned/d.json": "unsigned/d.json: is unsigned or lies in it",
+    "export model b --image d.swi --name Zürich": "name 'Zürich': must be 1 to 64 printable ASCII characters",
     "export --image a.bin": "a.bin: must be a file ending in .swi or .hex or .s19",
     "export --fmu can:a.fmu": "can: must be one of bus, triggered, fmi2, windows",
     "export --fmu bus,fmi2:a.fmu": "bus and fmi2: FMI 2.0 has no bus",

@@ -49,8 +49,7 @@ def test_the_library_of_the_shipped_bundle_is_of_its_program(cli, refused, tmp_p
         ("sw_settings.h", "SW_SENSOR_NAMES", " ".join(release.manifest.sensors)),
     ):
         stated = re.search(rf'{name} "([^"]+)"', (tmp_path / "c" / header).read_text(encoding="ascii"))
-        assert stated is not None
-        assert stated.group(1) == wanted
+        assert stated is not None and stated.group(1) == wanted
     for name in ("c/sw_ecu_settings.h", "c/board/sw_board.ld", "c/loader/sw_uds_settings.h", "ecu.fmu"):
         assert (tmp_path / name).is_file(), name
     c_release.write_image(tmp_path / "release.hex", tmp_path / "c", release, load_config())
