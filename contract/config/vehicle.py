@@ -125,9 +125,7 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
 
 @dataclass(frozen=True, kw_only=True)
 class SensorCheckConfig(
-    Settings,
-    section="ecu.sensor_check",
-    source=ours("above the figures of healthy sensors", page=_LIES),
+    Settings, section="ecu.sensor_check", source=ours("above the figures of healthy sensors", page=_LIES)
 ):
     """The thresholds above which the ECU no longer uses a pressure sensor. Levels are ratios of variances. The values
     of healthy sensors are from the whole shipped recording (docs/explanation/what-shuts-the-jets.md)."""
@@ -156,9 +154,7 @@ class SensorCheckConfig(
 
 @dataclass(frozen=True, kw_only=True)
 class BenefitCheckConfig(
-    Settings,
-    section="ecu.benefit_check",
-    source=ours("between useful and harmful control", page=_HELPS),
+    Settings, section="ecu.benefit_check", source=ours("between useful and harmful control", page=_HELPS)
 ):
     """The thresholds with which the ECU decides whether control helps (docs/explanation/what-shuts-the-jets.md)."""
 

@@ -111,8 +111,7 @@ def _ranges(struct: str, member: str, dtype: str, layout: Mapping[str, str]) -> 
         info: Any = np.finfo(dtype)
         return _of_floats(struct, member, layout, float(info.tiny), float(info.max))
     if dtype == "int8":
-        # The value -128 is excluded because a sum of products with -128 may overflow.
-        return ((-127.0, 127.0),)
+        return ((-127.0, 127.0),)  # a sum of products with -128 may overflow
     if member in ("base", "pairs"):
         return ((0.0, _stated(layout, "SW_SENSORS", 256) - 1.0),)
     if member == "prior_filter_rows":
@@ -134,8 +133,7 @@ def _of_floats(struct: str, member: str, layout: Mapping[str, str], positive: fl
         return (positive, most), (0.0, most)
     if member == "cell_inverse_scale":
         return ((positive, _widest_integer(layout)),)
-    if struct == "estimator" and member != "factor":
-        most = _ESTIMATOR_MOST
+    most = _ESTIMATOR_MOST if struct == "estimator" and member != "factor" else most
     if member.endswith("_deviation"):
         return ((LEAST_FIGURE if _stated(layout, "SW_SENSOR_CHECK", 0) else 0.0, MOST_FIGURE),)
     return ((positive if member in _POSITIVE else 0.0 if member in _NOT_NEGATIVE else -most, most),)
@@ -201,9 +199,8 @@ def with_layout(files: Mapping[str, bytes]) -> dict[str, bytes]:
     """Return the files of a library. If the library has an ECU, `sw_layout.h` is added."""
     if ECU_SETTINGS not in files:
         return dict(files)
-    layout = layout_of(files)
+    definitions = _definitions(layout := layout_of(files))
     digest = ", ".join(f"0x{byte:02x}" for byte in sha256_of(layout))
-    definitions = _definitions(layout)
     table = ", ".join(limits.in_c for limits in limits_in(members_in(definitions), definitions))
     values = {"SW_LAYOUT_SHA256": f"{{{digest}}}", "SW_LIMITS": f"{{{table}}}"}
     what = "the SHA-256 of this build's layout of a release's numbers, and the numbers' limits"
@@ -233,12 +230,15 @@ def layout_in(payload: bytes, sha256: bytes) -> dict[str, str]:
 
 
 def check_numbers(payload: bytes, sha256: bytes) -> None:
-    """Raise BundleContainerError if a payload is too short or has an invalid number, so that no ECU accepts it."""
-    layout = layout_in(payload, sha256)
-    if _starts(layout)[""] > payload.rfind(_TITLE.encode()):
-        raise BundleContainerError(f"image: a payload of {len(payload)} bytes is too short for its layout")
-    if wrong := wrong_in(payload, layout):
-        raise BundleContainerError(f"image: {wrong}")
+    """Raise BundleContainerError if a payload is too short, or its layout or a number is invalid."""
+    try:
+        layout = layout_in(payload, sha256)
+        if _starts(layout)[""] > payload.rfind(_TITLE.encode()):
+            raise BundleContainerError(f"image: a payload of {len(payload)} bytes is too short for its layout")
+        if wrong := wrong_in(payload, layout):
+            raise BundleContainerError(f"image: {wrong}")
+    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+        raise BundleContainerError(f"image: the text of its layout {sha256.hex()[:12]} is damaged") from error
 
 
 def arrays_in(payload: bytes, layout: Mapping[str, str]) -> dict[str, npt.NDArray[Any]]:

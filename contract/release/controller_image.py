@@ -114,8 +114,8 @@ def seal(payload: bytes, facts: ImageFacts, key: Ed25519PrivateKey | None) -> by
         facts.digest,
         facts.security_version,
         facts.vehicle,
-        b"" if facts.hardware is None else _packed("hardware", facts.hardware),
-        _packed("name", facts.name),
+        b"" if facts.hardware is None else name_bytes("hardware", facts.hardware),
+        name_bytes("name", facts.name),
         b"",
     )
     if key is None:
@@ -169,8 +169,9 @@ def read(image: bytes) -> ControllerImage:
     return ControllerImage(facts=facts, payload=payload, signer=signer)
 
 
-def _packed(what: str, text: str) -> bytes:
-    raw = text.encode()
+def name_bytes(what: str, text: str) -> bytes:
+    """Return a name as in the header. Raises BundleContainerError if the header has no space for the name."""
+    raw = text.encode(errors="surrogatepass")
     if not _is_name(raw):
         raise BundleContainerError(f"image: {what} {quoted(text)}: must be 1 to {_MAX_NAME} printable ASCII characters")
     return raw

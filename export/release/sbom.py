@@ -27,6 +27,7 @@ from packageurl import PackageURL
 from packaging.requirements import Requirement
 
 from contract.atomic import replacing
+from contract.errors import BundleError
 from contract.release.checks import CONTROLLER, Bundle, dbc_sha256, sha256
 from contract.release.signing import project_key
 
@@ -37,17 +38,18 @@ OURS: Final = "MIT"
 
 def release_bom(bundle: Bundle, contents: Mapping[str, bytes]) -> bytes:
     """Return the bill of a verified release: its files, its controller's training data, and the software used.
-    `contents` are all files of the release by name; `Bundle.files` lacks manifest and signature."""
+    `contents` are all files of the release by name; `Bundle.files` lacks manifest and signature. Raises BundleError if
+    the versions in the provenance are no texts."""
     manifest, licence, release = bundle.manifest, _licence(bundle), _release(bundle)
     learned, file = ComponentType.MACHINE_LEARNING_MODEL, ComponentType.FILE
-    files = [
-        _part(learned if name.endswith(".onnx") else file, name, sha256(data))
-        for name, data in sorted(contents.items())
-    ]
+    hashes = {name: sha256(data) for name, data in sorted(contents.items())}
+    files = [_part(learned if name.endswith(".onnx") else file, name, digest) for name, digest in hashes.items()]
     files.append(_part(file, "stillwake.dbc", dbc_sha256(), OURS))
     model = _part(learned, "weights", manifest.weights_sha256, licence)
     recording = _part(ComponentType.DATA, "dataset", manifest.dataset_sha256)
-    versions: Mapping[str, str] = manifest.provenance.get("versions", {})
+    versions = manifest.provenance.get("versions", {})
+    if not isinstance(versions, Mapping) or not all(name and isinstance(text, str) for name, text in versions.items()):
+        raise BundleError(f"bundle {manifest.name!r}: provenance.versions must be a table of names and texts")
     origin = [recording, *(_package(name, version) for name, version in sorted(versions.items()))]
     controller = next(item for item in files if item.name == CONTROLLER)
     needs = [(release, files), (controller, [model]), (model, origin)]
@@ -55,8 +57,7 @@ def release_bom(bundle: Bundle, contents: Mapping[str, bytes]) -> bytes:
 
 
 def folder_bom(contents: Mapping[str, bytes], bundle: Bundle) -> bytes:
-    """Return the bill of a C library's folder: its files by their paths, the release, and third-party code in the
-    folder."""
+    """Return the bill of a C library's folder: its files by their paths, the release, and third-party code."""
     hashes = {name: sha256(data) for name, data in sorted(contents.items())}
     digest, name = sha256(repr(hashes).encode()), f"{bundle.manifest.name} in C"
     folder = _part(ComponentType.FIRMWARE, name, licence=_licence(bundle), version=digest[:12])
@@ -67,8 +68,7 @@ def folder_bom(contents: Mapping[str, bytes], bundle: Bundle) -> bytes:
     if foreign:
         version = _MONOCYPHER.findall(b"".join(contents[file.name] for file in foreign))[0].decode()
         where, licence = PackageURL("github", "LoupVaillant", "Monocypher", version), "BSD-2-Clause OR CC0-1.0"
-        library = ComponentType.LIBRARY
-        monocypher = _part(library, "monocypher", licence=licence, version=version, purl=where)
+        monocypher = _part(ComponentType.LIBRARY, "monocypher", licence=licence, version=version, purl=where)
         needs = [(folder, [*own, monocypher]), (monocypher, foreign)]
     return _bom([part for _, others in needs for part in others], needs, digest, bundle.manifest.created)
 
@@ -104,8 +104,9 @@ def _release(bundle: Bundle) -> Component:
         "signed_by": "no one" if bundle.signer is None else bundle.signer.fingerprint,
     }
     properties = [Property(name=f"stillwake:{key}", value=value) for key, value in about.items()]
-    version, licence = bundle.digest[:12], _licence(bundle)
-    return _part(ComponentType.FIRMWARE, manifest.name, licence=licence, version=version, properties=properties)
+    more: dict[str, Any] = {"licence": _licence(bundle), "version": bundle.digest[:12], "properties": properties}
+    # A package or a file may have the release's name, but a reference must be unique.
+    return _part(ComponentType.FIRMWARE, manifest.name, ref=f"release {manifest.name}", **more)
 
 
 def write_bom(of: Path, content: bytes) -> Path:
@@ -127,16 +128,15 @@ def _package(
 
 
 def _part(
-    kind: ComponentType, name: str, digest: str | None = None, licence: str | None = None, **more: Any
+    kind: ComponentType, name: str, digest: str | None = None, licence: str | None = None, ref: str = "", **more: Any
 ) -> Component:
     hashes = [] if digest is None else [HashType(alg=HashAlgorithm.SHA_256, content=digest)]
     licences = [] if licence is None else [LicenseFactory().make_from_string(licence)]
-    return Component(type=kind, name=name, bom_ref=name, hashes=hashes, licenses=licences, **more)
+    return Component(type=kind, name=name, bom_ref=ref or name, hashes=hashes, licenses=licences, **more)
 
 
 def _installed(name: str, field: str) -> str | None:
-    """Return a field of the metadata of a package installed on this machine; None if the package or the field is
-    missing."""
+    """Return a field of an installed package's metadata; None if the package or the field is missing."""
     try:
         stated = metadata(name).get_all(field) or []
     except PackageNotFoundError:

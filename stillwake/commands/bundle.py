@@ -24,7 +24,7 @@ from contract.release.manifest import SpeedRange
 from contract.release.signing import PublicKey
 from contract.shipped import BUNDLE
 from stillwake.console import options as shared
-from stillwake.console.outputs import check_output
+from stillwake.console.outputs import check_apart, check_output
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
 from stillwake.console.terminal import console, print_table
@@ -181,6 +181,7 @@ def inspect(
             print_table("image", _folded(""), rows=list(described(opened(*locate(path, trust))).items()))
         return
     if sbom is not None:
+        check_apart(BUNDLE if path is None else path, sbom)
         check_output(sbom, overwrite=None)
     _verify(*locate(path, trust))
     release = open_release(path, trust)
@@ -259,9 +260,8 @@ def keylist(
     private = signing.read_private_key(key)
     allowed, revoked = (frozenset(map(signing.read_public_key, paths)) for paths in (allow, revoke))
     made = KeyList(version=version, keys=allowed, revoked=revoked)
-    raw = key_list.encode(made, private)
     with replacing(path) as temporary:
-        temporary.write_bytes(raw)
+        temporary.write_bytes(key_list.encode(made, private))
     _show(made, signing.public_key(private))
     console.print(f"wrote {path}")
 

@@ -11,7 +11,6 @@ import typer
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from can_bridge.wire.messages import SENSORS
-from contract.atomic import replacing
 from contract.config.loading import from_tree
 from contract.config.tree import Config
 from contract.controller.c_folder import PROGRAM_SETTINGS, read_recorded, read_sources
@@ -19,13 +18,13 @@ from contract.errors import ConfigError, ConflictError, ModelError, OutputError,
 from contract.model import model_folder
 from contract.release import bundle as bundles
 from contract.release.checks import Bundle
-from contract.release.container import read_files
-from contract.release.controller_image import FORMATS
+from contract.release.container import read_files, write_files
+from contract.release.controller_image import FORMATS, name_bytes
 from contract.release.signing import public_key, read_private_key
 from contract.shipped import recording
 from firmware_sim.fmu.kinds import FmuKind, kind_and_path
 from stillwake.console import options as shared
-from stillwake.console.outputs import check_json, check_output, save_json
+from stillwake.console.outputs import check_apart, check_json, check_output, save_json
 from stillwake.console.progress import phases
 from stillwake.console.settings import TESTERS_BUS, read_settings, settings
 from stillwake.console.terminal import console, print_table
@@ -39,8 +38,8 @@ if TYPE_CHECKING:
 
 _LIBRARY: Final = "holds a C library already"
 _NO_BUNDLE: Final = (
-    "no BUNDLE to write: name MODEL and BUNDLE; for the shipped bundle, give --c, --fmu, --image or "
-    "--for-testers without MODEL; --for-testers also accepts another bundle in place of MODEL"
+    "no BUNDLE to write: name MODEL and BUNDLE, also for --precision, --name, --dataset, --estimator; for the shipped "
+    "bundle, give --c, --fmu, --image or --for-testers without MODEL; --for-testers accepts another bundle as MODEL"
 )
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
@@ -76,8 +75,8 @@ def export(
             metavar="BUNDLE", help="Bundle directory to write; without it, files are for the shipped bundle."
         ),
     ] = None,
-    precision: Annotated[str, typer.Option(help="int8 (weights) or float32.")] = "int8",
-    name: Annotated[str, typer.Option(help="Name of the release.")] = "truck-wake",
+    precision: Annotated[str | None, typer.Option(help="int8 (default) or float32.")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the release; default: truck-wake.")] = None,
     dataset: shared.DataSet = None,
     c: Annotated[Path | None, typer.Option("--c", help="Also write the C99 library into this folder.")] = None,
     fmu: Fmu = None,
@@ -102,17 +101,14 @@ def export(
     FOLDER` writes the files for testers of the shipped bundle, and `export BUNDLE --for-testers FOLDER` writes the
     files of another bundle; neither command needs an ECU.
     """
-    files = _Files(
-        c=c,
-        fmu=None if fmu is None else kind_and_path(fmu),
-        image=image,
-        for_testers=for_testers,
-        key=None if key is None else read_private_key(key),
-    )
+    of_fmu, private = None if fmu is None else kind_and_path(fmu), None if key is None else read_private_key(key)
+    files = _Files(c=c, fmu=of_fmu, image=image, for_testers=for_testers, key=private)
+    check_apart(output or model, c, of_fmu and of_fmu[1], image, for_testers)
+    if image is not None and name is not None:
+        name_bytes("name", name)
     if output is None:
-        if estimator or dataset is not None or (key is not None and image is None) or not files.any_given:
-            raise OutputError(_NO_BUNDLE)
-        if model is not None and files.in_c:
+        is_of_shipped = files.any_given and not (files.in_c and model) and (image or not key)
+        if not is_of_shipped or estimator or (precision, name, dataset) != (None, None, None):
             raise OutputError(_NO_BUNDLE)
         files.check(overwrite=overwrite)
         if files.in_c:
@@ -154,6 +150,8 @@ class _Files:
         if self.c is not None:
             check_output(self.c, overwrite=overwrite, folder=True, occupant=_LIBRARY, mark=PROGRAM_SETTINGS)
         if self.for_testers is not None:
+            if (self.for_testers / PROGRAM_SETTINGS).exists():
+                raise OutputError(f"{self.for_testers}: {_LIBRARY}; name another folder")
             check_output(self.for_testers, overwrite=overwrite, folder=True, mark=A2L)
         if self.image is not None and self.image.suffix.lower() not in FORMATS:
             raise OutputError(f"--image {self.image}: must be a file ending in {' or '.join(FORMATS)}")
@@ -181,10 +179,7 @@ class _Files:
         if self.for_testers is None:
             return
         found = descriptions(release, config)
-        with replacing(self.for_testers) as folder:
-            folder.mkdir()
-            for name, content in found.items():
-                (folder / name).write_bytes(content)
+        write_files(self.for_testers, found)
         console.print(f"wrote {self.for_testers}: {', '.join(found)} of {release.manifest.name}")
 
     def print(self) -> None:
@@ -209,8 +204,8 @@ def _export_model(
     config: Config,
     dataset: Path | None,
     *,
-    name: str,
-    precision: str,
+    name: str | None,
+    precision: str | None,
     estimator: bool,
 ) -> None:
     from export.program.controller_program import program_of
@@ -227,11 +222,11 @@ def _export_model(
         done, release = export_all(
             model,
             output,
-            name=name,
+            name="truck-wake" if name is None else name,
             recording=used,
             config=config,
             created=date.today(),
-            precision=precision,
+            precision="int8" if precision is None else precision,
             library=c_library(folder, config, console.print) if files.in_c else None,
             key=files.key,
             named=dataset is not None,

@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from datetime import date
+from itertools import permutations
 from pathlib import Path
 from typing import Any, Final
 
@@ -120,6 +121,13 @@ def check_output(
         if overwrite is None:
             raise OutputError(f"{path}: {there}; give another name")
         raise OutputError(f"{path}: {there}; give --overwrite to replace it, or another name")
+
+
+def check_apart(*paths: Path | None) -> None:
+    """Raise OutputError if a path is another path or lies in it: one output would replace or alter the other."""
+    for one, other in permutations(filter(None, paths), 2):
+        if Path(os.path.realpath(other)).is_relative_to(os.path.realpath(one)):
+            raise OutputError(f"{other}: is {one} or lies in it; name another place")
 
 
 def check_json(path: Path | None) -> None:

@@ -55,11 +55,7 @@ PATHS = (
     *("out.h5", "out.npz", "out.png", "out.gif", "out.mp4", "out.zip", "out.xyz", "/proc/nowhere/x", "-", "~", "file."),
 )
 SETTINGS = tuple(one.name for section in sections(Config()) for one in section.settings)
-USUAL = {
-    ("picture", "output"): "out.png",
-    ("develop", "duration"): "1",
-    ("can", "file"): "frames.log",
-}
+USUAL = {("picture", "output"): "out.png", ("develop", "duration"): "1", ("can", "file"): "frames.log"}
 """What a call needs to get past the first check, by verb and parameter."""
 
 

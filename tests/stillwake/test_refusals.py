@@ -49,6 +49,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, random_release: Path)
         (tmp_path / name).mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("five years")
     (tmp_path / "c" / "sw_settings.h").write_text("")
+    (tmp_path / "link").symlink_to("unsigned")
     (tmp_path / "s.npz").write_text("hours of work")
     # What `export` reads of a model before it loads torch.
     names = ("scaling", "layout", "sensors", "dataset_sha256", "metrics", "ranking", "versions", "weights_sha256")
@@ -112,10 +113,19 @@ BEFORE_THE_WORK = {
     "export": "for the shipped bundle, give --c, --fmu, --image or",
     "export --c d --estimator": "for the shipped bundle, give --c, --fmu, --image or",
     "export --c d --dataset other.h5": "for the shipped bundle, give --c, --fmu, --image or",
+    "export --c d --precision float32": "for the shipped bundle, give --c, --fmu, --image or",
+    "export unsigned --for-testers d --name x": "for the shipped bundle, give --c, --fmu, --image or",
     "export model --c d": "for the shipped bundle, give --c, --fmu, --image or",
     "export --c d --set ecu.loss_window=65": "ecu.loss_window = 65: the ECU in C accepts at most 64",
     "export model b --fmu d.fmu --set ecu.deadline_window=33": "ecu.deadline_window = 33: the ECU in C",
     "export --fmu a.zip": "a.zip: must be a file ending in .fmu",
+    "export --for-testers c --overwrite": "c: holds a C library already; name another folder",
+    "export --c d --for-testers ./d": "d: is d or lies in it; name another place",
+    "export model unsigned --overwrite --for-testers unsigned/d": "unsigned/d: is unsigned or lies in it",
+    "export unsigned --for-testers unsigned/d": "unsigned/d: is unsigned or lies in it",
+    "export model link --image unsigned/d.swi --overwrite": "unsigned/d.swi: is link or lies in it",
+    "bundle inspect unsigned --sbom unsigned/d.json": "unsigned/d.json: is unsigned or lies in it",
+    "export model b --image d.swi --name Zürich": "name 'Zürich': must be 1 to 64 printable ASCII characters",
     "export --image a.bin": "a.bin: must be a file ending in .swi or .hex or .s19",
     "export --fmu can:a.fmu": "can: must be one of bus, triggered, fmi2, windows",
     "export --fmu bus,fmi2:a.fmu": "bus and fmi2: FMI 2.0 has no bus",

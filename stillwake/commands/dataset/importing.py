@@ -31,8 +31,7 @@ _FLOW: Final = ("flow.control_period", "flow.action_limit", "flow.reynolds")
 """Settings that describe the plant of the data. Without flow.reynolds, the Reynolds number is unknown."""
 
 Files = Annotated[
-    list[str] | None,
-    typer.Argument(metavar="ROLE=FILE", help="A role and its file; see above.", show_default=False),
+    list[str] | None, typer.Argument(metavar="ROLE=FILE", help="A role and its file; see above.", show_default=False)
 ]
 Asymmetric = Annotated[bool, typer.Option("--asymmetric", help="Body or jets are not symmetric about y = 0.")]
 References = Annotated[

@@ -130,10 +130,7 @@ def test_what_does_not_fit_is_refused_by_its_name():
     cases: list[tuple[dict[str, Any], str]] = [
         ({"sensors": ("base_0", "base_8", "base_9")}, r"scaling\.pressure_mean: 2 values, must be 3"),
         (tensor("prior", "first", 6, 3, 2, 3), r"prior\.sums: shape"),
-        (
-            tensor("prior", "first", 4, 3, 2, 2),
-            r"prior\.first: 4 variables, must be 6: one, slower, faster, ",
-        ),
+        (tensor("prior", "first", 4, 3, 2, 2), r"prior\.first: 4 variables, must be 6: one, slower, faster, "),
         (tensor("prior", "first", 3, 2, 2), r"prior\.first: shape \(3, 2, 2\), must have 4 axes"),
         (tensor("prior", "slope", 3, 2, 2), r"prior\.first: shape \(6, 3, 2, 2\), must have 3 axes"),
         (tensor("prior", "hidden", 3, 6, 2), r"prior\.f\w+: unknown tensor"),

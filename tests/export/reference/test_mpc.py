@@ -125,11 +125,7 @@ CLOSE: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-13}
 def draw(seed: int, shape: tuple[int, ...]):
     """Latent states, plans and previous actions of this shape."""
     rng = np.random.default_rng(seed)
-    return (
-        rng.normal(size=(*shape, 3)),
-        rng.uniform(-0.07, 0.07, (*shape, HORIZON)),
-        rng.uniform(-0.05, 0.05, shape),
-    )
+    return (rng.normal(size=(*shape, 3)), rng.uniform(-0.07, 0.07, (*shape, HORIZON)), rng.uniform(-0.05, 0.05, shape))
 
 
 @examples(8)

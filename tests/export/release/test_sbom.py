@@ -10,6 +10,7 @@ import pytest
 from cyclonedx.schema import SchemaVersion
 from cyclonedx.validation.json import JsonStrictValidator
 
+from contract.errors import BundleError
 from contract.release.bundle import load
 from contract.release.container import read_files
 from contract.shipped import BUNDLE
@@ -34,8 +35,7 @@ def hashes(bom) -> dict[str, str]:
 
 def test_a_releases_bill_has_every_file_what_it_was_trained_on_and_the_tools(checked, random_release, tmp_path):
     bundle, contents = load(BUNDLE), read_files(BUNDLE)
-    content = release_bom(bundle, contents)
-    bom, manifest = checked(content), bundle.manifest
+    bom, manifest = checked(content := release_bom(bundle, contents)), bundle.manifest
     assert content == release_bom(bundle, dict(reversed(contents.items())))
     sums = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in BUNDLE.iterdir()}
     origin = {"weights": manifest.weights_sha256, "dataset": manifest.dataset_sha256}
@@ -51,6 +51,12 @@ def test_a_releases_bill_has_every_file_what_it_was_trained_on_and_the_tools(che
     assert "licenses" not in other["metadata"]["component"]  # not the project's
     assert other["serialNumber"] != bom["serialNumber"]
     assert write_bom(tmp_path / "b.zip", content).name == "b.zip.cdx.json"
+    object.__setattr__(manifest, "name", "numpy")  # as a package of its own bill
+    assert release_bom(bundle, contents) == release_bom(bundle, contents)
+    for versions in (["numpy"], {"numpy": 2}, {"": "2"}, None):
+        object.__setattr__(manifest, "provenance", {"versions": versions})
+        with pytest.raises(BundleError, match="versions must be a table"):
+            release_bom(bundle, contents)
 
 
 def test_the_bill_of_a_c_folder_has_every_file_the_release_and_the_code_of_others(checked):
@@ -64,13 +70,11 @@ def test_the_bill_of_a_c_folder_has_every_file_the_release_and_the_code_of_other
     monocypher = parts["monocypher"]
     assert monocypher["licenses"] == [{"expression": "BSD-2-Clause OR CC0-1.0"}]
     assert monocypher["purl"] == "pkg:github/loupvaillant/monocypher@4.0.3" and monocypher["version"] == "4.0.3"
-    about = files("ecu").joinpath("c/store/vendor/README.md").read_text()
-    assert about.count("Monocypher 4.0.3, unchanged") == 1
+    assert "Monocypher 4.0.3, unchanged" in files("ecu").joinpath("c/store/vendor/README.md").read_text()
     assert all(b"__git__" not in text for text in contents.values())
     depends = {item["ref"]: item.get("dependsOn", []) for item in bom["dependencies"]}
-    named = [f"loader/monocypher{name}" for name in ("-ed25519.h", "-ed25519_c.h", ".h", "_c.h")]
-    assert depends["monocypher"] == named
-    assert {"monocypher", "sw_ecu.c", bundle.manifest.name} <= set(depends[f"{bundle.manifest.name} in C"])
+    assert depends["monocypher"] == [f"loader/monocypher{end}" for end in ("-ed25519.h", "-ed25519_c.h", ".h", "_c.h")]
+    assert {"monocypher", "sw_ecu.c", f"release {bundle.manifest.name}"} <= set(depends[f"{bundle.manifest.name} in C"])
     bare = checked(folder_bom({"sw_ecu.c": b""}, bundle))
     assert {item["name"] for item in bare["components"]} == {bundle.manifest.name, "sw_ecu.c"}
 
@@ -83,8 +87,7 @@ def test_a_wheels_bill_has_what_it_requires_and_what_extras_do(checked, tmp_path
              *(f"Requires-Dist: {text}" for text in requires))  # fmt: skip
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("thing-1.0.dist-info/METADATA", "\n".join(lines))
-    content = wheel_bom(path, "2026-11-26")
-    bom = checked(content)
+    bom = checked(content := wheel_bom(path, "2026-11-26"))
     assert content == wheel_bom(path, "2026-11-26")
     found = {item["name"]: (item["scope"], item.get("version")) for item in bom["components"]}
     assert found == {

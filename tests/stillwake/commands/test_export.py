@@ -49,23 +49,19 @@ def test_the_library_of_the_shipped_bundle_is_of_its_program(cli, refused, tmp_p
         ("sw_settings.h", "SW_SENSOR_NAMES", " ".join(release.manifest.sensors)),
     ):
         stated = re.search(rf'{name} "([^"]+)"', (tmp_path / "c" / header).read_text(encoding="ascii"))
-        assert stated is not None
-        assert stated.group(1) == wanted
+        assert stated is not None and stated.group(1) == wanted
     for name in ("c/sw_ecu_settings.h", "c/board/sw_board.ld", "c/loader/sw_uds_settings.h", "ecu.fmu"):
         assert (tmp_path / name).is_file(), name
     c_release.write_image(tmp_path / "release.hex", tmp_path / "c", release, load_config())
     assert (tmp_path / "release.hex").read_bytes() == intel_hex((tmp_path / "release.swi").read_bytes())
     assert cli("export", "--for-testers", tmp_path / "own").code == 0
-    for ending, own in (
-        ("dbc", dbc_bytes()),
-        *((end, (tmp_path / f"own/stillwake.{end}").read_bytes()) for end in ("a2l", "pdx")),
-    ):
-        assert (tmp_path / f"c/stillwake.{ending}").read_bytes() == own
+    assert (tmp_path / "c/stillwake.dbc").read_bytes() == dbc_bytes()
+    for name in ("stillwake.a2l", "stillwake.pdx"):
+        assert (tmp_path / "c" / name).read_bytes() == (tmp_path / "own" / name).read_bytes()
     bill = json.loads((tmp_path / "c/sbom.cdx.json").read_text())
     listed = {item["name"]: item for item in bill["components"]}
-    files = {
-        path.relative_to(tmp_path / "c").as_posix(): path for path in (tmp_path / "c").rglob("*") if path.is_file()
-    }
+    folder = tmp_path / "c"
+    files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
     assert listed.keys() == files.keys() - {"sbom.cdx.json"} | {"monocypher", release.manifest.name}
     assert listed["monocypher"]["version"] == "4.0.3"
     assert files["loader/monocypher_c.h"].read_text().startswith("// Monocypher version 4.0.3\n")
