@@ -134,3 +134,5 @@ def test_settings_that_do_not_agree_are_wrong_where_they_are_given(run, made):
     status, output, errors = run("inspect", made)
     assert (status, "2 problems to correct" in errors) == (1, True)
     assert "'provenance' is missing" in output and "action is -0.4 at step 7" in output
+    status, output, errors = run("inspect", made, "--settings")
+    assert (status, output, "'provenance' is missing" in errors) == (1, "", True)
