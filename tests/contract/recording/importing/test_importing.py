@@ -1,5 +1,6 @@
 """Files of a user's own become a data set, whole and exact, or are refused by file and place."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -327,6 +328,7 @@ def test_wrong_arguments_and_sensors_are_refused(tmp_path, layout):
     for sources, renamed, message in (
         ([], nothing, "no data file is given"),
         ([one, two], nothing, "two files would make an episode called 'a'"),
+        ([replace(one, named="a\u202fb")], nothing, "field 'name' must be printable text"),
         ([one], {"drag": "Cd"}, "--map drag=Cd: 'drag' is neither a series nor a sensor"),
     ):
         with pytest.raises(DatasetError, match=message):
