@@ -3,6 +3,7 @@
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -10,6 +11,7 @@ import typer
 
 from contract.config.loading import load_config, to_tree
 from contract.errors import ConfigError
+from contract.model.model_folder import MODEL_WEIGHTS
 from contract.shipped import model as shipped_model
 from contract.shipped import recording as shipped_recording
 from stillwake.console import options as shared
@@ -70,6 +72,7 @@ def refine(
     from train.refinement.refine import side_by_side
     from train.selection.methods import select_by_hand
 
+    begins_with = {"model": folder_read / MODEL_WEIGHTS, **({} if state is None else {"state": state})}
     layout = trained.layout
     by_hand = tuple(layout.names[index] for index in select_by_hand(_SENSORS, layout))
     names = shared.names_in(sensors) or (trained.sensors if are_pairs(layout, trained.sensors) else by_hand)
@@ -92,6 +95,7 @@ def refine(
             progress=show,
             resume=not restart,
             threads=threads,
+            begins_with={name: sha256(file.read_bytes()).hexdigest()[:16] for name, file in begins_with.items()},
         )
     save_json(
         json_file,
