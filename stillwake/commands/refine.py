@@ -10,7 +10,7 @@ from typing import Annotated, Final
 import typer
 
 from contract.config.loading import load_config, to_tree
-from contract.errors import ConfigError
+from contract.errors import ConfigError, DatasetError
 from contract.model.model_folder import MODEL_WEIGHTS
 from contract.shipped import model as shipped_model
 from contract.shipped import recording as shipped_recording
@@ -55,6 +55,8 @@ def refine(
     check_json(json_file)
     folder_read = shipped_model() if model is None else model
     trained = model_store.load(folder_read)
+    if dataset is not None and sha256(dataset.read_bytes()).hexdigest() != trained.dataset_sha256:
+        raise DatasetError(f"{dataset} is not the recording that the model was fitted to: name that recording")
     own = trained.config
     if trained.prior is None:
         # A model without a prior has settings for an optimiser that starts from its own plan of the previous period. An
