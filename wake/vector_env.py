@@ -53,7 +53,8 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
         threads: int | None = None,
         **settings: Any,
     ) -> None:
-        threads = len(os.sched_getaffinity(0)) if threads is None else threads
+        if threads is None:  # macOS and Windows have no `sched_getaffinity`
+            threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         for name, value in (("num_envs", num_envs), ("threads", threads)):
             if value < 1:
                 raise ConfigError(f"{name} = {value}: must be at least 1")

@@ -103,7 +103,7 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
         base: settings that the file and the overrides modify, instead of the release's settings.
     """
     tree = _packaged(_RELEASE) if base is None else to_tree(base)
-    asked = {} if path is None else read_toml(path, "configuration")
+    asked = {} if path is None else dict(without_retired(read_toml(path, "configuration")))
     chosen = asked.pop(BASE_KEY, _RELEASE)
     if chosen not in (_RELEASE, PAPER):
         raise ConfigError(f"configuration {path}: {BASE_KEY} = {_short(chosen)}: must be {PAPER!r} or {_RELEASE!r}")

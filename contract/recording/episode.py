@@ -136,8 +136,8 @@ def problems_of(name: str, role: object, series: Mapping[str, Array], initial_ac
     def refuse(field: str, reason: str) -> None:
         found.append(f"episode {name}: field {field!r} {reason}")
 
-    if not name or "/" in name:
-        refuse("name", "must not be empty or hold a slash")
+    if not name.isprintable() or not name or "/" in name:
+        refuse("name", "must be printable text, not empty and without a slash")
     if role not in ROLES:
         refuse("role", f"is {role!r}, must be one of {ROLES}")
     for field in REQUIRED:

@@ -3,13 +3,15 @@
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
 
 from contract.config.loading import load_config, to_tree
-from contract.errors import ConfigError
+from contract.errors import ConfigError, DatasetError
+from contract.model.model_folder import MODEL_WEIGHTS
 from contract.shipped import model as shipped_model
 from contract.shipped import recording as shipped_recording
 from stillwake.console import options as shared
@@ -53,6 +55,8 @@ def refine(
     check_json(json_file)
     folder_read = shipped_model() if model is None else model
     trained = model_store.load(folder_read)
+    if dataset is not None and sha256(dataset.read_bytes()).hexdigest() != trained.dataset_sha256:
+        raise DatasetError(f"{dataset} is not the recording that the model was fitted to: name that recording")
     own = trained.config
     if trained.prior is None:
         # A model without a prior has settings for an optimiser that starts from its own plan of the previous period. An
@@ -70,6 +74,7 @@ def refine(
     from train.refinement.refine import side_by_side
     from train.selection.methods import select_by_hand
 
+    begins_with = {"model": folder_read / MODEL_WEIGHTS, **({} if state is None else {"state": state})}
     layout = trained.layout
     by_hand = tuple(layout.names[index] for index in select_by_hand(_SENSORS, layout))
     names = shared.names_in(sensors) or (trained.sensors if are_pairs(layout, trained.sensors) else by_hand)
@@ -92,6 +97,7 @@ def refine(
             progress=show,
             resume=not restart,
             threads=threads,
+            begins_with={name: sha256(file.read_bytes()).hexdigest()[:16] for name, file in begins_with.items()},
         )
     save_json(
         json_file,

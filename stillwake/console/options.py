@@ -80,15 +80,19 @@ def names_in(text: str) -> tuple[str, ...] | None:
     return tuple(name.strip() for name in text.split(",")) if text else None
 
 
-def pairs(texts: list[str], example: str, names: tuple[str, ...] = ()) -> list[tuple[str, str]]:
-    """Split each text NAME=VALUE. Raises ConfigError for a text of another form or, if `names` are given, for another
-    name."""
-    found = []
+def pairs(
+    texts: list[str], example: str, names: tuple[str, ...] = (), *, repeated: bool = False
+) -> list[tuple[str, str]]:
+    """Split each text NAME=VALUE. Raises ConfigError for a text of another form, for another name than `names` if they
+    are given, or for a name that is given twice unless `repeated`."""
+    found: list[tuple[str, str]] = []
     for text in texts:
         name, separator, value = (part.strip() for part in text.partition("="))
         if not (name and separator and value) or (names and name not in names):
             of = f" with a name of {', '.join(names)}" if names else ""
             raise ConfigError(f"{text!r}: must be NAME=VALUE{of}, such as {example}")
+        if not repeated and name in dict(found):
+            raise ConfigError(f"{name}={value}: {name} is given twice")
         found.append((name, value))
     return found
 

@@ -136,6 +136,7 @@ BEFORE_THE_WORK = {
     "record a.h5 calm=5": "give --from-steady FILE as well",
     "record a.h5 --amplitudes 0.001 0.002": "give --from-steady FILE as well",
     "record a.h5 --episodes 2": "give --under BUNDLE or --from-steady",
+    "record a.h5 training=10 training=20": "training=20: training is given twice",
     "record a.h5 training=-5": "training=-5: must be a number of control steps",
     "record a.h5 chirps=5": "'chirps=5': must be NAME=VALUE with a name of training",
     "record a.h5 --workers 0": "--workers 0: must be a number of processes",

@@ -1,6 +1,7 @@
 """Several wakes in one environment: each is to the bit a single one, and so are their gradients."""
 
 import copy
+import os
 import pickle
 from dataclasses import replace
 from typing import Any
@@ -63,7 +64,7 @@ def test_each_wake_is_to_the_bit_a_single_one_with_its_seed(env, settings):
     assert len({single.plant.t for single in singles}) > 1, "the seeds choose different phases"
 
 
-def test_it_is_a_vector_environment_as_gymnasium_has_them(env, settings):
+def test_it_is_a_vector_environment_as_gymnasium_has_them(env, settings, monkeypatch):
     assert env.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
     assert env.observation_space.shape == (3, 2) and env.action_space.shape == (3, 1)
     first = env.reset(seed=5)
@@ -80,6 +81,8 @@ def test_it_is_a_vector_environment_as_gymnasium_has_them(env, settings):
     same.reset(seed=1)
     *_, truncated, info = same.step(np.zeros((1, 1), np.float32))
     assert truncated.all() and info["final_info"]["t"][0] != info["t"][0]
+    monkeypatch.delattr(os, "sched_getaffinity")  # as on macOS
+    assert TruckWakeVectorEnv(1, **settings).num_envs == 1
     with pytest.raises(ConfigError, match="num_envs = 0: must be at least 1"):
         TruckWakeVectorEnv(0, **settings)
 

@@ -51,12 +51,18 @@ class Identity:
         return cls(settings=json.dumps(settings, sort_keys=True), dataset_sha256=dataset_sha256, threads=threads)
 
     @classmethod
-    def of_refinement(cls, config: Config, dataset_sha256: str, sensors: Sequence[str], threads: int = 1) -> "Identity":
-        """Return the identity of a refinement (`train.refinement`) of a model that was trained with these settings."""
-        settings = {
-            **json.loads(cls.of(config, dataset_sha256, "cpu", sensors).settings),
-            "refine": asdict(config.refine),
-        }
+    def of_refinement(
+        cls,
+        config: Config,
+        dataset_sha256: str,
+        sensors: Sequence[str],
+        threads: int = 1,
+        begins_with: Mapping[str, str] | None = None,
+    ) -> "Identity":
+        """Return the identity of a refinement (`train.refinement`) of a model that was trained with these settings.
+        `begins_with` identifies the files with which the refinement begins."""
+        own = {"refine": asdict(config.refine), **(begins_with or {})}
+        settings = {**json.loads(cls.of(config, dataset_sha256, "cpu", sensors).settings), **own}
         return cls(settings=json.dumps(settings, sort_keys=True), dataset_sha256=dataset_sha256, threads=threads)
 
 

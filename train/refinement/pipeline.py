@@ -50,6 +50,7 @@ def refine_model(
     progress: Progress = silent,
     resume: bool = True,
     threads: int = 1,
+    begins_with: Mapping[str, str] | None = None,
 ) -> tuple[TrainedModel, int]:
     """Train a prior of the plan for a model, and store the model at `output`. Returns the model and the number of
     control periods for which the plant was run.
@@ -66,8 +67,10 @@ def refine_model(
         flow: function that returns the plant with these sensors, and a developed wake without jets per stream.
         workers: function that runs an update's closed-loop intervals in parallel; if None, they run in turn.
         resume: whether an interrupted run is continued; if False, the run starts over.
+        begins_with: hashes of the model and of the flow's start by name; a run that began with others is not continued.
 
     Raises:
+        ConfigError: the interrupted run has other settings, another model or another start.
         DatasetError: the model was fitted to another recording, or the sensors are no pairs of mirror images.
         PlantError: the flow diverged.
         StillwakeError: a file cannot be written.
@@ -76,7 +79,7 @@ def refine_model(
     model_folder.check_free(output)
     trained = replace(model.config.train, seed=config.train.seed)
     settings = replace(model.config, train=trained, refine=config.refine, mpc=config.mpc)
-    identity = Identity.of_refinement(settings, model.dataset_sha256, sensors, threads)
+    identity = Identity.of_refinement(settings, model.dataset_sha256, sensors, threads, begins_with)
     checkpoints = Checkpoints.of(output, identity, resume)
     with torch_threads(threads), without_denormals():
         if tuple(sensors) != model.sensors:

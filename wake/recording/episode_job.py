@@ -152,7 +152,7 @@ class EpisodeBlocks:
         first = self.finished
         _save(self._state(first), flat=end.flat, substep=end.substep, action=end.action, memory=memory)
         _save(self._samples(first), **series)
-        for old in sorted(self.folder.glob("*.state.npz"))[:-_KEPT_STATES]:
+        for old in sorted(self.folder.glob("*.state.npz"), key=lambda path: (len(path.name), path))[:-_KEPT_STATES]:
             old.unlink(missing_ok=True)
 
     def end(self) -> tuple[State, npt.NDArray[np.float64]]:

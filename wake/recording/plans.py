@@ -32,6 +32,9 @@ def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.rando
     dt = flow.control_period
     # The filter starts from zero, so its output is discarded until the time 4 / (cut-off frequency).
     settle = int(4.0 / (forcing.modulation_cutoff * dt))
+    if forcing.modulation_cutoff >= 0.5 / dt:
+        below = f"must be below {0.5 / dt:g}, half the control rate"
+        raise ConfigError(f"forcing.modulation_cutoff = {forcing.modulation_cutoff:g}: {below}")
     lowpass = butter(2, forcing.modulation_cutoff, fs=1.0 / dt, output="sos")
     eta = sosfilt(lowpass, rng.standard_normal(settle + steps))[settle:]
     eta /= np.abs(eta).max()

@@ -138,7 +138,7 @@ def _episode(
     arrays.setdefault("t", period * np.arange(steps, dtype=np.float64))
     _check_shapes(path, arrays, steps, len(layout))
     _check_clock(path, arrays["t"], period)
-    _check_action(path, arrays["action"], limit)
+    _check_action(path, np.append(initial, arrays["action"]), limit)
     _check_size(path, arrays, layout, is_divided="Cp" in references)
     digest = hashlib.sha256(b"".join(file.read_bytes() for file in contents.files)).hexdigest()
     provenance: dict[str, Any] = {"source": path.name, "source_sha256": digest}
@@ -176,11 +176,12 @@ def _check_clock(path: Path, t: Array, period: float) -> None:
     raise DatasetError(f"{path}: {problem}{hint}")
 
 
-def _check_action(path: Path, action: Array, limit: float) -> None:
-    largest = int(np.abs(action).argmax())
-    if abs(action[largest]) > limit * (1.0 + LIMIT_TOLERANCE):
+def _check_action(path: Path, actions: Array, limit: float) -> None:
+    largest = int(np.abs(actions).argmax())
+    if abs(actions[largest]) > limit * (1.0 + LIMIT_TOLERANCE):
+        found = f"{actions[largest]:g} {f'at step {largest - 1}' if largest else 'before the first row'}"
         raise DatasetError(
-            f"{path}: action is {action[largest]:g} at step {largest}, beyond flow.action_limit = {limit:g}; "
+            f"{path}: action is {found}, beyond flow.action_limit = {limit:g}; "
             f"an action is the jets' flow rate in U_inf W, not a percentage; --reference action=NUMBER gives "
             f"the number in the file that means 1 U_inf W"
         )

@@ -63,8 +63,8 @@ def read_case(
         stated = "" if speed is None else f", U_inf is {speed:g} m/s"
         raise DatasetError(f"{case}: its times are in s{stated}: give W / U_inf as in --reference t=0.005s")
     second = factor(path, "t", "Time", "s" if "t" in references else None, references.get("t"))
-    cp = [reference_of(name, layout, references) for name in layout.names]
-    scales = [2.0 / (speed or 0.0) ** 2 if one is None else 1.0 / one.number for one in cp]
+    cp = {name: reference_of(name, layout, references) for name in layout.names}
+    scales = [factor(path, "Cp", "p", "m2/s2", one) if one else 2.0 / (speed or 0.0) ** 2 for one in cp.values()]
     readings = pressures.rows[:, 1 + _probes_of(pressures, layout)] * scales
     columns = forces.header[-1].split() if forces.header else []
     found = {name: renamed.get(name, name) for name in ("Cd", "Cl")}
@@ -112,7 +112,7 @@ def _speed(forces: FoamTable) -> float | None:
     for line in forces.header:
         name, _, value = line.partition(":")
         if name.strip() == "magUInf" and _NUMBER.fullmatch(value.strip()):
-            return float(value)
+            return float(value) or None
     return None
 
 

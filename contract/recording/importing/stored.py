@@ -48,8 +48,10 @@ class Stored:
     @property
     def texts(self) -> tuple[str, ...]:
         """The texts of the array; empty if the array is not an array of texts."""
-        values = np.asarray(self.values).ravel()
-        cells = values.tolist() if values.dtype.kind in "OSU" else ()
+        values = np.asarray(self.values)
+        if values.dtype == "S1" and values.ndim == 2 and values.size:  # netCDF stores a text as a row of characters
+            values = np.ascontiguousarray(values).view(f"S{values.shape[1]}")
+        cells = values.ravel().tolist() if values.dtype.kind in "OSU" else ()
         found = [cell.decode(errors="replace") if isinstance(cell, bytes) else cell for cell in cells]
         return tuple(cell.strip() for cell in found) if all(isinstance(cell, str) for cell in found) else ()
 

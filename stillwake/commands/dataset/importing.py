@@ -128,7 +128,7 @@ def import_(
 
 def roles_of(texts: list[str]) -> "list[tuple[Path, Role]]":
     """Split the texts ROLE=FILE into files and roles, ordered by role."""
-    found = [(Path(file), role) for role, file in shared.pairs(texts, "train=sweep.csv", _ROLES)]
+    found = [(Path(file), role) for role, file in shared.pairs(texts, "train=sweep.csv", _ROLES, repeated=True)]
     return [(path, cast("Role", role)) for path, role in sorted(found, key=lambda one: _ROLES.index(one[1]))]
 
 

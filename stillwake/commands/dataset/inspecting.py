@@ -39,10 +39,11 @@ def inspect(
     compared with the settings only if --set states them. --settings prints the settings that fit the data set, in the
     format of a settings file: stillwake dataset inspect my.h5 --settings > my.toml
     """
-    from contract.recording.dataset import survey
+    from contract.recording.dataset import read, survey
 
     loaded = read_settings(given)
-    data_set, problems = survey(file)
+    # The output of --settings goes into a file, so an invalid data set only ends with its first problem.
+    data_set, problems = (read(file), ()) if settings else survey(file)
     lines = [("[red]wrong[/]  ", line) for line in problems]
     if data_set is not None:
         if picture is not None:

@@ -77,8 +77,6 @@ def parsed(texts: list[str]) -> dict[str, float]:
     """Read the values to set, by name. Raises ConfigError for a text other than NAME=NUMBER, or a repeated name."""
     changes: dict[str, float] = {}
     for name, value in shared.pairs(texts, "lift=0.4", CALIBRATION_NAMES):
-        if name in changes:
-            raise ConfigError(f"{name}={value}: {name} is given twice")
         try:
             changes[name] = float(value)
         except ValueError:

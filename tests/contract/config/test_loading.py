@@ -51,7 +51,9 @@ def test_a_bad_override_is_refused_in_one_short_line_with_its_value_and_what_is_
         assert line in text and len(text) < 250 and text.isprintable(), (override, text)
 
 
-def test_a_setting_that_is_gone_is_read_where_it_changed_nothing():
+def test_a_setting_that_is_gone_is_read_where_it_changed_nothing(tmp_path):
+    (tmp_path / "old.toml").write_text("[refine]\niterations = false\nunits = 3\n")
+    assert load(tmp_path / "old.toml").in_file == {"refine.units"}
     tree = to_tree(Config())
     assert from_tree({**tree, "refine": {**tree["refine"], "iterations": False}}) == Config()
     for value in (True, "x"):

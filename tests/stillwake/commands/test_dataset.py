@@ -88,6 +88,14 @@ def test_each_episode_becomes_netcdf_by_report(cli, made, tmp_path):
     for episode in dataset.read(made).episodes:
         with xarray.open_dataset(tmp_path / f"my_{episode.name}.nc", engine="scipy") as found:
             assert (found.attrs["title"], found.attrs["role"]) == (episode.name, episode.role)
+    # The sensors may be listed in another order; the file states the order of its columns.
+    head, *rows = (tmp_path / "sensors.csv").read_text().splitlines()
+    (tmp_path / "sensors.csv").write_text("\n".join([head, *rows[::-1]]))
+    words = ("--layout", tmp_path / "sensors.csv", "--asymmetric", f"test={tmp_path / 'my_calm.nc'}", *FACTS)
+    assert cli("dataset", "import", tmp_path / "turned.h5", *words).code == 0
+    turned, calm = dataset.read(tmp_path / "turned.h5"), dataset.read(made).episodes[1]
+    assert turned.layout.names == NAMES[::-1]
+    assert (turned.episodes[0].series["Cp"] == calm.series["Cp"][:, ::-1]).all()
     with h5py.File(made, "a") as file:
         del file["episodes/sweep"], file["episodes/calm"]
     assert cli("report", made, "--output", tmp_path / "one.nc").out == f"wrote {tmp_path / 'one.nc'}\n"
@@ -134,3 +142,5 @@ def test_settings_that_do_not_agree_are_wrong_where_they_are_given(run, made):
     status, output, errors = run("inspect", made)
     assert (status, "2 problems to correct" in errors) == (1, True)
     assert "'provenance' is missing" in output and "action is -0.4 at step 7" in output
+    status, output, errors = run("inspect", made, "--settings")
+    assert (status, output, "'provenance' is missing" in errors) == (1, "", True)

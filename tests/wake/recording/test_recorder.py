@@ -148,6 +148,12 @@ def test_parts_that_do_not_fit_are_refused_by_what_differs(tmp_path):
     with pytest.raises(Killed):
         recorded(output, plans, progress=stop)
     assert most == 2, "only the last states are kept"
+    # The names have six digits and, from a million steps on, seven.
+    blocks = episode_job.EpisodeBlocks(folder=tmp_path, steps=1_000_002, block_steps=500_001)
+    for start in (999_998, 999_999, 1_000_000):
+        blocks._state(start).touch()
+    blocks.add({"t": np.zeros(1)}, State(flat=np.zeros(1), substep=0, action=0.0), np.zeros(1))
+    assert {path.name for path in tmp_path.glob("*.state.npz")} == {"999999.state.npz", "1000000.state.npz"}
     with pytest.raises(StillwakeError, match=r"other settings \(block_steps\)"):
         record(output, plans, block_steps=4)
     block = tmp_path / "a.h5.parts" / "training_5" / "000000.npz"

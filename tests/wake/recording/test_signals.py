@@ -1,5 +1,6 @@
 """The jet signals of recordings, against SciPy, the paper and the processes they are drawn from."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -83,5 +84,8 @@ def test_no_two_episodes_are_disturbed_alike():
         assert len(np.unique(signals.round(9), axis=0)) == len(plans), own
     # Every control step of a shedding cycle once.
     assert sorted(plan.lead for plan in ControlledRound(episodes=24, **NO_BUNDLE).plans(1)) == list(range(24))
+    fast = replace(FORCING, modulation_cutoff=0.5 / FLOW.control_period)
+    with pytest.raises(ConfigError, match=r"modulation_cutoff = 2\.5: must be below 2\.5, half the control rate"):
+        SIGNALS["training"](8, fast, FLOW, np.random.default_rng(1))
     with pytest.raises(ConfigError, match="role = 'test': must be one of train, calm"):
         CalmRound(role="test")  # type: ignore[arg-type]  # a role of no round

@@ -1,5 +1,6 @@
 """Files of a user's own become a data set, whole and exact, or are refused by file and place."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -101,6 +102,7 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
         ("a.csv", f"{HEADER}\n{ROW.replace('1,0', '1,9.96921e36')}", "'Cl': 9.96921e36 is the default fill value"),
         ("a.csv", f"{HEADER},,\n{ROW}\n{ROW},9,9,9", r"line 3: 13 values, but the header has 12 columns"),
         ("a.npz", {"action": np.linspace(0, 0.4, 20)}, r"action is 0\.4 at step 19, beyond flow.action_limit = 0\.2"),
+        ("a.npz", {"initial_action": np.array(-0.3)}, r"action is -0\.3 before the first row, beyond"),
         ("a.npz", {"t": 5 * T}, r"t rises by 1\.5, must .* if t is in s or ms.* import with --reference t=5$"),
         ("a.npz", {"t": T / 10}, "t rises by 0.03, but the control period is 0.3: 10 samples a period. Keep one row"),
         ("a.npz", {"t": T[::-1]}, "t does not rise from step 0 to 1"),
@@ -326,6 +328,7 @@ def test_wrong_arguments_and_sensors_are_refused(tmp_path, layout):
     for sources, renamed, message in (
         ([], nothing, "no data file is given"),
         ([one, two], nothing, "two files would make an episode called 'a'"),
+        ([replace(one, named="a\u202fb")], nothing, "field 'name' must be printable text"),
         ([one], {"drag": "Cd"}, "--map drag=Cd: 'drag' is neither a series nor a sensor"),
     ):
         with pytest.raises(DatasetError, match=message):

@@ -69,7 +69,7 @@ def test_p_is_kinematic_and_probes_are_found_by_their_places(tmp_path):
     ]
     # 20 m/s past 0.1 m, which U_inf of the coefficients and one option tell, or two.
     same(read(case(tmp_path / "a", speed=20.0, second=0.005), "t=5ms"))
-    same(read(case(tmp_path / "b", speed=None), "t=1s", "Cp=0.5"))
+    same(read(case(tmp_path / "b", speed=None), "t=1s", "Cp=0.5m2/s2"))
     # Versions before 2.3, probes in another order and more of them, and metres from another origin.
     same(read(case(tmp_path / "c", header=probes([0, 1, 2, 3], old=True))))
     same(read(case(tmp_path / "d", header=probes([0, 1, 2, 3], scale=0.1, shift=7.0))))
@@ -110,6 +110,8 @@ def test_a_case_that_does_not_fit_is_refused_by_file_and_reason(tmp_path):
     for path, references, message in (
         (case(tmp_path / "a", speed=20.0, second=0.005), (), r"times are in s, U_inf is 20 m/s: give W / U_inf as in"),
         (case(tmp_path / "b", speed=None), (), "states no magUInf; p is kinematic, so give U_inf"),
+        (case(tmp_path / "l"), ("Cp=0.6Pa",), "'p' is in 'm2/s2' in the file, but --reference Cp=0.6Pa is not"),
+        (text("m", forces, ": 1.0", ": 0"), ("t=1s",), "states no magUInf"),
         (case(tmp_path / "c"), ("t=0.2s",), r"rows are up to 1\.5 W / U_inf apart"),
         (case(tmp_path / "d", second=3.0), (), "rows are up to 0.9 W / U_inf apart; the control period is 0.3"),
         (text("e", forces, "\tCl\t", "\tlift\t"), (), "no column 'Cl' for Cl; it has Time, Cm, Cd, lift"),
