@@ -39,7 +39,7 @@ def disturbed(log: RunLog) -> Iterator[Disturbed]:
     count = len(log.series["t"])
     for fault in log.metadata.faults:
         what, _, span = fault.text.partition("@")
-        begin, _, end = span.partition("..")
+        begin, _, end = span.strip().removesuffix("s").partition("..")
         first, after = _period(log, begin), _period(log, end)
         yield Disturbed(what, 0 if first is None else min(first, count - 1), count if after is None else after)
 

@@ -120,7 +120,7 @@ def test_only_what_is_not_the_same_is_listed(shedding):
 def test_request_states_and_disturbances_are_listed_in_order(shedding):
     # A period is 20 ms; control is requested in period 60.
     faults = (
-        InjectedFault(text="ecu:drop:probability=1@1.25..1.3", acted=3),
+        InjectedFault(text="ecu:drop:probability=1@1.25..1.3s", acted=3),
         InjectedFault(text="noise:level=1", acted=9),
     )
     log = shedding(modes={3: Mode.HOLD}, reasons={3: Reason.STREAM_LOST}, faults=faults)
