@@ -107,11 +107,11 @@ def test_differences_are_against_the_first_run(shedding):
 def test_only_what_is_not_the_same_is_listed(shedding):
     one = shedding()
     assert differing([one, shedding(0.99)]) == []
-    weights = replace(one.metadata.weights, lift=9.0)
-    fault = InjectedFault(text="dead:sensor=base_0@4..", acted=3)
-    other = shedding(weights=weights, faults=(fault,), settle=8.0)
+    weights, fault = replace(one.metadata.weights, lift=9.0), InjectedFault(text="dead:sensor=base_0@4..", acted=3)
+    other = shedding(weights=weights, faults=(fault,), settle=8.0, drive="steps")
     assert differing([one, other]) == [
         ("left out of the averages / t_c", ["4", "8"]),
+        ("drive", ["none", "steps"]),
         ("disturbances", ["none", "dead:sensor=base_0@4.."]),
         ("mpc.weights.lift", [f"{one.metadata.weights.lift}", "9.0"]),
     ]
