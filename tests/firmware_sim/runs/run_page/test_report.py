@@ -49,7 +49,7 @@ def test_names_are_escaped_and_none_ends_the_data(folder):
     page = write_report(folder).read_text(encoding="utf-8")
     assert "&lt;script&gt;" in page
     assert "signed by key &lt;b&gt;" in page
-    assert all(text not in page for text in ("<script>alert", "<b>", "src=x>", "<!--"))
+    assert all(text not in page for text in ("<script>alert", "<b>", "src=x>", "<!--", "--picture"))
     data = re.search(r'<script type="application/json" id="run">(.*?)</script>', page, re.DOTALL)
     assert data is not None
     assert json.loads(data[1])["sensors"][-1] == "</script><!--"
