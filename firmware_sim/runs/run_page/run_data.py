@@ -55,7 +55,7 @@ def _period(log: RunLog, seconds: str) -> int | None:
 MOST_EVENTS: Final = 400
 """Largest number of events on a page; on a bus that loses frames, the mode can change very often."""
 
-_DOES: Final = {**DOES, SKIPPED: "the ECU was still computing, and skipped the period"}
+_DOES: Final = {**DOES, SKIPPED: "the ECU was still computing or booting, and skipped the period"}
 
 
 class RunEvent(NamedTuple):
