@@ -210,8 +210,8 @@ class Disturbances:
 
     Attributes:
         items: disturbances in the order given. Each has its own random sequence, numbered by its index. Disturbances of
-            the sensors are applied in this order. In a port, the first disturbance is closest to the bus. If several
-            disturbances of one kind act on the flow or the vehicle at the same time, only the last has an effect.
+            the sensors are applied in this order. In a port, the first disturbance is closest to the bus. Gusts add up,
+            speed factors multiply; of other disturbances of one kind on flow or vehicle, only the last has an effect.
     """
 
     items: tuple[Disturbance, ...] = field(default=())

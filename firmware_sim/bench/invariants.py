@@ -194,11 +194,12 @@ class Invariants:
 
     Args:
         hidden_ns: time in ns by which the pressures of a command may be older than the ECU can detect; see `of`.
+        drift: growth of this time, as a share of the run's time, because the ECU's clock is fast.
         jets_follow: whether the jets' actuator moves; the jets are not checked if the actuator is stuck.
     """
 
-    def __init__(self, config: Config, *, hidden_ns: int = 0, jets_follow: bool = True) -> None:
-        self._config, self._jets_follow, self._hidden_ns = config, jets_follow, hidden_ns
+    def __init__(self, config: Config, *, hidden_ns: int = 0, drift: float = 0.0, jets_follow: bool = True) -> None:
+        self._config, self._jets_follow, self._hidden_ns, self._drift = config, jets_follow, hidden_ns, drift
         messages = message_set(config.bus)
         self._pressure, self._command = messages.pressure, messages.command
         self.violations: list[Violation] = []
@@ -219,7 +220,7 @@ class Invariants:
         clock that is ahead, and a transmit buffer that is sent again, if its first frame was lost and a copy reaches
         the ECU. The vehicle's jets are checked against the true age.
         """
-        hidden_s = 0.0
+        hidden_s = drift = 0.0
         for one in disturbances.items:
             if not isinstance(one, NodeFault):
                 continue
@@ -231,9 +232,9 @@ class Invariants:
             elif one.node == "ecu" and isinstance(fault, Delay) and fault.restamp:
                 hidden_s += fault.delay_s + fault.jitter_s
             elif one.node == "ecu" and isinstance(fault, ClockDrift):
-                hidden_s += max(0.0, fault.offset_s)
+                hidden_s, drift = hidden_s + max(0.0, fault.offset_s), drift + max(0.0, fault.ppm) / 1e6
         jets_follow = not any(isinstance(one, StuckJets) for one in disturbances.items)
-        return cls(config, hidden_ns=round(hidden_s * NS), jets_follow=jets_follow)
+        return cls(config, hidden_ns=round(hidden_s * NS), drift=drift, jets_follow=jets_follow)
 
     def frame(self, frame: Frame, *, node: str, sent: bool, now_ns: int) -> None:
         """Check a frame that the node's software sent or received now. Faults act between software and bus."""
@@ -300,7 +301,7 @@ class Invariants:
             self._broken("bus_age", f"{command.mode.name} is based on pressures that were not sent (counter {counter})")
             return
         age_ns = now_ns - round(ecu.compute_time_ms * 1e6) - sampled[1]
-        if age_ns > (oldest + AGE_TOLERANCE) * period_ns + self._hidden_ns:
+        if age_ns > (oldest + AGE_TOLERANCE) * period_ns + self._hidden_ns + self._drift * now_ns:
             self._broken("bus_age", f"{command.mode.name} is based on pressures that are {age_ns / 1e6:g} ms old")
 
     def _broken(self, invariant: str, detail: str) -> None:

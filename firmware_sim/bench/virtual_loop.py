@@ -92,7 +92,7 @@ class VirtualLoop(NeverCopied):
         self._at_vehicle, self._at_ecu, self._ecu_health = at_vehicle, at_ecu, ecu_health
         self._ecu_clock = ecu_clock
         self._power_on = ecu.state
-        self._boots = self._booted_ns = 0
+        self._boots = self._booted_ns = self._rejected = 0  # rejected: by the ECU, before its latest reset
         messages = message_set(config.bus)
         self._pressure, self._command = messages.pressure.spec, messages.command.spec
         self._substeps, self._period_ns = config.flow.substeps, config.period_ns
@@ -131,11 +131,11 @@ class VirtualLoop(NeverCopied):
     def reset_ecu(self, boot_ns: int) -> None:
         """Make the ECU lose its state at the bus's present time and start again after `boot_ns`. Until then it receives
         nothing. Freshness values are in non-volatile memory and continue to count."""
-        state = self._ecu.state
+        state, rejected = self._ecu.state, self._ecu.frames_rejected
         self._ecu.restore(replace(self._power_on, verifier=state.verifier, freshness=state.freshness))
+        self._rejected += rejected - self._ecu.frames_rejected
         self._pressures_came()
-        self._inbox = []
-        self._boots, self._busy_until_ns = self._boots + 1, 0
+        self._inbox, self._boots, self._busy_until_ns = [], self._boots + 1, 0
         self._booted_ns = self._bus.now_ns + boot_ns
 
     @property
@@ -152,7 +152,7 @@ class VirtualLoop(NeverCopied):
         """Return the frame counts so far; a frame that is still being transmitted does not count as lost."""
         sent = self._node.frames_sent + self._commands_sent
         arrived = self._pressures_received + self._commands_received
-        rejected = self._ecu.frames_rejected + self._node.frames_rejected
+        rejected = self._rejected + self._ecu.frames_rejected + self._node.frames_rejected
         under_way = sum(self._bus.under_way(spec.frame_id) for spec in (self._pressure, self._command))
         # A frame with an error in its last bit counts once as sent but arrives twice, so the difference can be
         # negative.

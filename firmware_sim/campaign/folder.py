@@ -117,7 +117,7 @@ class CampaignFolder:
     def __init__(self, path: Path) -> None:
         self.path, self.figures = path, path / "figures"
         self.table, self.report = path / "table.csv", path / "report.html"
-        self._label_file, self._runs = path / "campaign.json", path / "runs"
+        self.label, self._runs = path / "campaign.json", path / "runs"
 
     def start(self, phase: int, scenario: str = "") -> Path:
         """Return the file with the flow state at a starting phase; without `scenario`, the file of the common plant."""
@@ -129,7 +129,7 @@ class CampaignFolder:
         check_writable(self.path, folder=True)
         if not self.path.exists() or not any(self.path.iterdir()):
             return
-        present = _read(self._label_file, CAMPAIGN_SCHEMA)
+        present = _read(self.label, CAMPAIGN_SCHEMA)
         if present is None:
             raise OutputError(f"{self.path}: holds files that no campaign wrote; name another folder")
         if present != _plain(label) and not overwrite:
@@ -140,12 +140,12 @@ class CampaignFolder:
 
     def claim(self, label: Mapping[str, Any]) -> None:
         """Write the label. First delete the files of another campaign, whose replacement `check` has allowed."""
-        if _read(self._label_file, CAMPAIGN_SCHEMA) != _plain(label):
+        if _read(self.label, CAMPAIGN_SCHEMA) != _plain(label):
             for folder in ("starts", "runs", "figures"):
                 shutil.rmtree(self.path / folder, ignore_errors=True)
             for file in (self.table, self.report):
                 file.unlink(missing_ok=True)
-        with replacing(self._label_file) as temporary:
+        with replacing(self.label) as temporary:
             temporary.write_text(json.dumps(label, indent=2, sort_keys=True) + "\n", encoding="utf-8")
 
     def outcome(self, name: str, key: str) -> RunOutcome | None:

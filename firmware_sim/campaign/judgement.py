@@ -83,9 +83,9 @@ class ScenarioRow:
         """Descriptions of violated invariants and of runs that did not finish."""
         texts = []
         for number, phase in enumerate(self.phases):
-            if phase.under.service is None:
-                texts.append(f"phase {number}: did not finish: {phase.under.failure}")
-            else:
+            runs = {"did not finish": phase.under, "did not finish without control": phase.free}
+            texts += [f"phase {number}: {what}: {one.failure}" for what, one in runs.items() if not one.figures]
+            if phase.under.service is not None:
                 texts += [f"phase {number}: {text}" for text in phase.under.service.broken]
         return texts
 
@@ -145,12 +145,12 @@ def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[PhaseOut
     for scenario in scenarios:
         found = tuple(phases[scenario.name])
         reduction = Spread.of([phase.reduction for phase in found])
-        services, lost = [phase.under.service for phase in found], undisturbed - reduction.mean
-        safe = bool(found) and all(service is not None and service.violations == 0 for service in services)
-        row = ScenarioRow(scenario=scenario, phases=found, safe=safe, use=Use.NONE, reduction=reduction, lost=lost)
+        lost = undisturbed - reduction.mean
+        row = ScenarioRow(scenario=scenario, phases=found, safe=False, use=Use.NONE, reduction=reduction, lost=lost)
+        safe = bool(found) and not row.broken
         free = row.spread("abs_Cl", free=True).mean
         side_force = row.spread("abs_Cl").mean / free if free > 0 else inf
-        rows.append(replace(row, use=use_of(reduction.mean, undisturbed, side_force, scenario.criteria)))
+        rows.append(replace(row, safe=safe, use=use_of(reduction.mean, undisturbed, side_force, scenario.criteria)))
     return tuple(rows)
 
 

@@ -144,7 +144,7 @@ class MeasuredRun:
             "verdict": self.verdict,
             "too_noisy": self.is_too_noisy,
             "period_ms": self.periods.period_ns / 1e6,
-            "slack_ms": self.slack_ns / 1e6,
+            "slack_ms": self.slack_ns / 1e6 if isfinite(self.slack_ns) else None,
             "periods": len(self.periods),
             "periods_planned": self.periods.planned,
             "left_control": self.left_control,

@@ -13,7 +13,7 @@ from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.statistics import Flags, planned_steps
 
 SKIPPED: Final = "SKIPPED"
-"""Name that stands for the mode of a period that the ECU skipped because it was still computing."""
+"""Name that stands for the mode of a period that the ECU skipped because it was still computing or booting."""
 
 KEYS_DIFFER: Final = "Frames arrived, but none was authentic: do both nodes have the same key (bus.key)?"
 

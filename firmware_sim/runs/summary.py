@@ -129,6 +129,8 @@ def headline(log: RunLog) -> str:
             f"Drive {drive.name}: {less} energy against wall drag, {net} with the jets and their price, mean |Cl| "
             f"{drive.abs_Cl_without:.2f} to {drive.abs_Cl:.2f}."
         )
+        if isnan(drive.reduction_percent):
+            text = f"Drive {drive.name}: no reduction, because the vehicle did not move."
     times = [f"{name} from t = {log.series['t'][period]:.1f} t_c on" for name, period in set_aside(log)]
     without = f"The ECU set aside {', '.join(times)}." if times else None
     short = None

@@ -72,7 +72,6 @@ def campaign(
 
     if output is None and not list_them:
         raise StillwakeError("name the folder to write, or give --list to see the test plan")
-    check_json(json_file)
     spread = shared.workers_of(workers)
     config = settings("campaign", given, uses=_USES).config
     release = open_release(bundle)
@@ -84,6 +83,7 @@ def campaign(
     folder = CampaignFolder(output)
     claim(output, folder=True)
     folder.check(planned.label(), overwrite=overwrite)
+    check_json(json_file, own=folder.label)  # after the folder's check, because the file may be in the folder
     console.print(*describe(release), sep="\n")
     result = _conducted(planned, folder, spread)
 
@@ -143,8 +143,7 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", spread: Mapping[st
     from firmware_sim.campaign.conduct import conduct
 
     def advice() -> str:
-        found = folder.finished
-        return f"{folder.path} holds {found} finished runs; the same command continues" if found else ""
+        return f"{folder.path} holds {n} finished runs; the same command continues" if (n := folder.finished) else ""
 
     # A run takes half a minute, so the rate of finished runs is averaged over the last hour.
     with go_on_with(advice), progress("runs", estimate_over=3600.0) as report:

@@ -96,8 +96,7 @@ def _quietly(act: Callable[[], None]) -> None:
 def check_dataset_name(path: Path) -> None:
     """Raise OutputError if the file's name does not have the ending of a data set."""
     if path.suffix.lower() not in DATASET_SUFFIXES:
-        endings = " or ".join(DATASET_SUFFIXES)
-        raise OutputError(f"{path}: a data set is an HDF5 file; its name must end in {endings}")
+        raise OutputError(f"{path}: a data set is an HDF5 file; its name must end in {' or '.join(DATASET_SUFFIXES)}")
 
 
 def check_output(
@@ -130,9 +129,12 @@ def check_apart(*paths: Path | None) -> None:
             raise OutputError(f"{other}: is {one} or lies in it; name another place")
 
 
-def check_json(path: Path | None) -> None:
-    """Check that a file of figures can be written, and lock its path; an existing file of figures is replaced."""
+def check_json(path: Path | None, *, own: Path | None = None) -> None:
+    """Check that a file of figures can be written, and lock its path; an existing file of figures is replaced. Raises
+    OutputError for the path `own`, at which the command writes another file."""
     if path is not None:
+        if own is not None and leads_to(path) == leads_to(own):
+            raise OutputError(f"--json {path}: this command writes another file there; name another file")
         claim(path)
 
 
@@ -147,8 +149,7 @@ def check_frames(path: Path | None) -> None:
 
 
 def print_written(path: Path, result: object) -> None:
-    """Print that a file was written. For a measurement file, also print the names and numbers of frames without
-    signals."""
+    """Print that a file was written; for a measurement file, also print the numbers of frames without signals."""
     skipped = listed(result) if isinstance(result, Counter) else ""
     console.print(f"wrote {path}{f'; frames without signals: {skipped}' if skipped else ''}")
 

@@ -9,7 +9,7 @@ from typing import Annotated, Final, Literal, TypeVar
 
 from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
 from can_bridge.wire.frame import Frame
-from contract.config.rules import NonNegative, Rule, Settings, require
+from contract.config.rules import HUGE, NonNegative, Rule, Settings, require
 
 T = TypeVar("T", int, float)
 
@@ -49,7 +49,7 @@ class Span(Settings, section="span"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(self.end_s >= self.start_s, self, "end_s", f"start_s = {self.start_s!r} or later")
+        require(self.start_s <= self.end_s <= HUGE or self.end_s == inf, self, "end_s", f"in {self.start_s}..{HUGE:g}")
 
     def is_active(self, now_ns: int) -> bool:
         return round(self.start_s * NS) <= now_ns and (self.end_s == inf or now_ns < round(self.end_s * NS))

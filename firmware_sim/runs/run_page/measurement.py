@@ -50,7 +50,7 @@ _BODY: Final = (209, 209, 209)
 def write_csv(path: Path, log: RunLog) -> None:
     """Write the series, completely or not at all; a missing value is empty. Raises StillwakeError on failure."""
     columns = {}
-    for name, unit in COLUMN_UNITS.items():
+    for name, unit in (COLUMN_UNITS | {name: "1" for name in WITHOUT if name in log.series}).items():
         columns[f"{name} [{unit}]"] = [_text(name, value) for value in log.series[name]]
     if WALL in log.series:
         for name, Cp in zip(log.metadata.sensors, log.series[WALL].T, strict=True):

@@ -210,8 +210,7 @@ def _cells(values: Sequence[Any], style: str) -> list[Cell]:
 
 
 def _made_with(log: RunLog) -> Mapping[str, str]:
-    run, periods = log.metadata, len(log.series["t"])
-    control_period = run.config.flow.control_period
+    run, periods, control_period = log.metadata, len(log.series["t"]), log.metadata.config.flow.control_period
     return {
         "bundle": run.controller,
         "signed by": "no one" if run.signer is None else run.signer[:12],
@@ -220,6 +219,7 @@ def _made_with(log: RunLog) -> Mapping[str, str]:
         "time without control / t_c": f"{log.enabled_at * control_period:g}",
         "time with control / t_c": f"{(periods - log.enabled_at) * control_period:g}",
         "left out of the averages / t_c": f"{run.settle:g}" if run.averages else "no averages",
+        "drive": run.drive or "none",
         "sensors": ", ".join(run.sensors),
         "disturbances": "; ".join(fault.text for fault in run.faults) or "none",
         "seed of the disturbances": str(run.fault_seed),

@@ -39,7 +39,7 @@ def disturbed(log: RunLog) -> Iterator[Disturbed]:
     count = len(log.series["t"])
     for fault in log.metadata.faults:
         what, _, span = fault.text.partition("@")
-        begin, _, end = span.partition("..")
+        begin, _, end = span.strip().removesuffix("s").partition("..")
         first, after = _period(log, begin), _period(log, end)
         yield Disturbed(what, 0 if first is None else min(first, count - 1), count if after is None else after)
 
@@ -55,7 +55,7 @@ def _period(log: RunLog, seconds: str) -> int | None:
 MOST_EVENTS: Final = 400
 """Largest number of events on a page; on a bus that loses frames, the mode can change very often."""
 
-_DOES: Final = {**DOES, SKIPPED: "the ECU was still computing, and skipped the period"}
+_DOES: Final = {**DOES, SKIPPED: "the ECU was still computing or booting, and skipped the period"}
 
 
 class RunEvent(NamedTuple):

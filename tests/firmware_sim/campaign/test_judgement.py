@@ -6,8 +6,8 @@ from math import isnan
 import numpy as np
 import pytest
 
-from firmware_sim.campaign.folder import KeptCourse, MeanFigures
-from firmware_sim.campaign.judgement import Use
+from firmware_sim.campaign.folder import KeptCourse, MeanFigures, RunOutcome
+from firmware_sim.campaign.judgement import PhaseOutcomes, Use
 from firmware_sim.campaign.scenario import Criteria
 from tests.firmware_sim.campaign.conftest import phase_of, rows_of, scenario_of
 
@@ -47,15 +47,15 @@ def test_reduction_and_use_follow_their_criteria_over_all_phases() -> None:
 
 
 def test_a_broken_invariant_or_a_run_that_did_not_finish_in_one_phase_is_unsafe() -> None:
-    broken, failed = rows_of(
+    broken, failed, unknown = rows_of(
         (scenario_of("one"), [phase_of(), phase_of(broken=["period 7: the jets move in OFF"])]),
         (scenario_of("two"), [phase_of(), phase_of(failure="the flow diverged")]),
+        (scenario_of("free"), [PhaseOutcomes(under=phase_of().under, free=RunOutcome(key="f", failure="it diverged"))]),
     )[1:]
     assert (broken.safe, broken.use, broken.total("violations")) == (False, Use.USEFUL, 1)
     assert broken.broken == ["phase 1: period 7: the jets move in OFF"]
-    assert (failed.safe, failed.use) == (False, Use.NONE)
-    assert isnan(failed.reduction.mean)
+    assert {(one.safe, one.use, isnan(one.reduction.mean)) for one in (failed, unknown)} == {(False, Use.NONE, True)}
     assert failed.broken == ["phase 1: did not finish: the flow diverged"]
-    figures = failed.figures()
-    assert figures["reduction_percent"] is None
+    assert unknown.broken == ["phase 0: did not finish without control: it diverged"]
+    assert (figures := failed.figures())["reduction_percent"] is None
     assert json.loads(json.dumps(figures, allow_nan=False)) == figures

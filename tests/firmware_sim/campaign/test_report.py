@@ -56,7 +56,7 @@ def test_the_page_needs_no_other_file_and_has_the_matrix_first(campaign, some_ro
     assert len(references) == 3
     assert all(reference.startswith("data:image/png;base64,iVBOR") for reference in references)
     assert "<b>evil" not in page
-    assert "&lt;b&gt;evil" in page
+    assert all(text in page for text in ("&lt;b&gt;evil", "<code>--lead-in 1.2</code>"))
     matrix = page[: page.index("</table>")]
     for row in some_rows:
         verdict = f'<td class="word safe">safe</td><td class="word {row.use}">{row.use}</td>'

@@ -54,7 +54,7 @@ class Tables:
         self.ecu[i, [s for s in range(stage, EcuStage.SENT + 1)]] += ns
         self.vehicle[i, VehicleStage.COMMAND_ARRIVED] += ns
 
-    def lose_command(self, i: int) -> None:
+    def lose_command(self, i: int | slice) -> None:
         self.vehicle[i, [VehicleStage.COMMAND_ARRIVED, VehicleStage.ECHOED_COUNTER]] = (0, NOTHING)
 
     def lose_frame(self, i: int) -> None:

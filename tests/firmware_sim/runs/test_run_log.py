@@ -134,18 +134,18 @@ def rows_of(path) -> list[dict[str, str]]:
 
 def test_every_series_has_a_column_with_its_unit(shedding, tmp_path):
     log = shedding(modes={3: Mode.HOLD}, reasons={3: Reason.STREAM_LOST}, skipped=[4])
-    log.series[WALL] = np.arange(640.0).reshape(160, 4)
+    log.series.update({WALL: np.arange(640.0).reshape(160, 4), **dict.fromkeys(run_log.WITHOUT, np.zeros(160))})
     write_csv(tmp_path / "a.csv", log)
     rows = rows_of(tmp_path / "a.csv")
     assert len(rows) == 160
     assert tuple(COLUMN_UNITS) == COLUMNS
     assert list(rows[0])[:3] == ["t [t_c]", "Cd [1]", "Cl [1]"]
-    assert list(rows[0])[-4:] == ["Cp_upper_39 [1]", "Cp_lower_39 [1]", "Cp_base_0 [1]", "Cp_base_9 [1]"]
+    walls = [f"Cp_{name} [1]" for name in ("upper_39", "lower_39", "base_0", "base_9")]
+    assert list(rows[0])[-7:] == [*(f"{name} [1]" for name in run_log.WITHOUT), *walls]
     assert (rows[63]["mode [name]"], rows[63]["reason [name]"]) == ("HOLD", "STREAM_LOST")
     assert (rows[64]["step_ms [ms]"], rows[65]["step_ms [ms]"]) == ("", "2")
     values = [float(rows[63][name]) for name in ("t [t_c]", "action [U_inf W]", "Cp_base_0 [1]")]
     assert values == [12.6, 0.05, 63 * 4 + 2]
-    # A run without recorded sensors has no columns of them.
     write_csv(tmp_path / "b.csv", shedding())
     assert len(rows_of(tmp_path / "b.csv")[0]) == len(COLUMNS)
 

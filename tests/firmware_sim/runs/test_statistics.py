@@ -138,3 +138,4 @@ def test_another_run_has_none_and_a_standstill_no_energy_a_km(log, shedding):
     log.series["speed"][:] = 0.0
     found = summary(log)["drive"]
     assert (found["distance_m"], found["drag_kJ_per_km"], found["abs_Cl"]) == (0.0, None, None)
+    assert "the vehicle did not move" in headline(log)

@@ -15,7 +15,6 @@ sentence = "Something of my own."
 disturb = ["noise:level=0.3"]
 """
 
-
 pytestmark = pytest.mark.usefixtures("no_pictures")
 
 
@@ -48,7 +47,7 @@ def test_the_plan_is_listed_and_nothing_is_run(cli, executor, plan, tmp_path) ->
 
 @pytest.mark.slow  # draws pages
 def test_a_campaign_writes_page_table_figures_and_results(cli, executor, plan, tmp_path) -> None:
-    folder, file = tmp_path / "out", tmp_path / "campaign.json"
+    folder, file = tmp_path / "out", tmp_path / "out" / "figures.json"
     call = ("campaign", folder, "--scenarios", plan, "--only", "mine", "--phases", 2, "--json", file)
     outcome = cli(*call)
     assert (outcome.code, outcome.err) == (0, "")
@@ -98,6 +97,7 @@ def test_a_call_that_cannot_be_is_one_line(all_refused, executor) -> None:
             "out --only noize*": "noize",
             "out --scenarios nowhere.toml": "plan nowhere.toml: No such file",
             "out --settle 60": "--settle 60",
+            "out --json out/campaign.json": "--json out/campaign.json: this command writes another file there",
             "out --workers many": "--workers many: must be a number of processes, or an address",
             "out --set train.epochs=3": "train.epochs",
             "out --set flow.control_period=0.3": "control period",

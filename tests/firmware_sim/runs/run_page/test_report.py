@@ -49,7 +49,7 @@ def test_names_are_escaped_and_none_ends_the_data(folder):
     page = write_report(folder).read_text(encoding="utf-8")
     assert "&lt;script&gt;" in page
     assert "signed by key &lt;b&gt;" in page
-    assert all(text not in page for text in ("<script>alert", "<b>", "src=x>", "<!--"))
+    assert all(text not in page for text in ("<script>alert", "<b>", "src=x>", "<!--", "--picture"))
     data = re.search(r'<script type="application/json" id="run">(.*?)</script>', page, re.DOTALL)
     assert data is not None
     assert json.loads(data[1])["sensors"][-1] == "</script><!--"
@@ -107,11 +107,11 @@ def test_differences_are_against_the_first_run(shedding):
 def test_only_what_is_not_the_same_is_listed(shedding):
     one = shedding()
     assert differing([one, shedding(0.99)]) == []
-    weights = replace(one.metadata.weights, lift=9.0)
-    fault = InjectedFault(text="dead:sensor=base_0@4..", acted=3)
-    other = shedding(weights=weights, faults=(fault,), settle=8.0)
+    weights, fault = replace(one.metadata.weights, lift=9.0), InjectedFault(text="dead:sensor=base_0@4..", acted=3)
+    other = shedding(weights=weights, faults=(fault,), settle=8.0, drive="steps")
     assert differing([one, other]) == [
         ("left out of the averages / t_c", ["4", "8"]),
+        ("drive", ["none", "steps"]),
         ("disturbances", ["none", "dead:sensor=base_0@4.."]),
         ("mpc.weights.lift", [f"{one.metadata.weights.lift}", "9.0"]),
     ]
@@ -120,7 +120,7 @@ def test_only_what_is_not_the_same_is_listed(shedding):
 def test_request_states_and_disturbances_are_listed_in_order(shedding):
     # A period is 20 ms; control is requested in period 60.
     faults = (
-        InjectedFault(text="ecu:drop:probability=1@1.25..1.3", acted=3),
+        InjectedFault(text="ecu:drop:probability=1@1.25..1.3s", acted=3),
         InjectedFault(text="noise:level=1", acted=9),
     )
     log = shedding(modes={3: Mode.HOLD}, reasons={3: Reason.STREAM_LOST}, faults=faults)
