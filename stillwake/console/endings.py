@@ -18,11 +18,11 @@ from stillwake.console.terminal import make_console, visible
 
 EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "sim": (
-        *("h5py", "numba", "scipy", "gymnasium", "matplotlib", "PIL", "distributed", "dask"),
+        *("h5py", "numba", "scipy", "gymnasium", "matplotlib", "PIL", "distributed", "dask", "tzdata"),
         *("jinja2", "llvmlite", "tornado"),
     ),
     "c": ("onnx", "safetensors", "h5py", "cyclonedx"),
-    "train": ("torch", "shap", "onnx", "safetensors", "h5py", "scipy", "cyclonedx"),
+    "train": ("torch", "shap", "onnx", "safetensors", "h5py", "scipy", "cyclonedx", "tzdata"),
     "bus": ("serial", "msgpack", "cantools"),
     "flash": ("udsoncan", "isotp"),
     "mcu": ("ziglang", "unicorn", "capstone", "elftools"),
