@@ -15,7 +15,7 @@ from contract.model.model_folder import MODEL_WEIGHTS
 from contract.shipped import model as shipped_model
 from contract.shipped import recording as shipped_recording
 from stillwake.console import options as shared
-from stillwake.console.outputs import check_json, save_json
+from stillwake.console.outputs import check_apart, check_json, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
 from stillwake.console.stopping import go_on_with
@@ -52,6 +52,7 @@ def refine(
     from train.refinement.pipeline import are_pairs, refine_model
 
     folder = check_model_output(output, overwrite=overwrite)
+    check_apart(output, json_file)
     check_json(json_file)
     folder_read = shipped_model() if model is None else model
     trained = model_store.load(folder_read)

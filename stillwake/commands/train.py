@@ -12,7 +12,7 @@ from contract.config.loading import training as training_settings
 from contract.shipped import recording as shipped_recording
 from contract.typed import untyped
 from stillwake.console import options as shared
-from stillwake.console.outputs import check_json, save_json
+from stillwake.console.outputs import check_apart, check_json, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
 from stillwake.console.stopping import go_on_with
@@ -56,6 +56,7 @@ def train(
     recording = shipped_recording() if dataset is None else dataset
     chosen = shared.names_in(sensors)
     checkpoints = check_model_output(output, overwrite=overwrite)
+    check_apart(output, json_file)
     check_json(json_file)
     # The recording is checked before torch is loaded, as far as this is possible without torch.
     read_from = read(recording)

@@ -82,6 +82,7 @@ BEFORE_THE_WORK = {
     "develop s.npz": "s.npz: exists already; give --overwrite to replace it, or another name",
     "train model": "model: holds a model already; give --overwrite",
     "train mine --overwrite": "mine: exists and is not a model directory",
+    "train m --json m/x.json": "m/x.json: is m or lies in it; name another place",
     "export model unsigned": "unsigned: holds the bundle random already, unsigned",
     "export model b --c c": "c: holds a C library already; give --overwrite",
     # Settings without an effect, that do not exist, or out of bounds.
