@@ -27,7 +27,7 @@ from train.refinement.windows import Stream, StretchReadings, closed_loop, read
 PERIODS_AT_ONCE: Final = 100
 """Number of periods that the tape stores at once."""
 SLOWEST: Final = 0.5
-"""Lowest speed that a prior is told, in units of the design speed."""
+"""Lowest speed, in units of the design speed, for which each run stores enough rows; a slower run stores more."""
 OPTIMISER_STEPS: Final = 400
 """Steps of the optimiser (L-BFGS)."""
 SMALL: Final = 1e-3
@@ -82,7 +82,7 @@ def watch(
     Raises:
         PlantError: the flow diverged.
     """
-    stream = Stream.begun(start, feedback, SLOWEST)
+    stream = Stream.begun(start, feedback, min(SLOWEST, float((speeds[:-1] * told).min())))
     stream.goal = goal
     rows, Cd = list[Array](), list[float]()
     with torch.no_grad():
@@ -116,7 +116,8 @@ def demonstration(
     """
     limit = goal.share_of_limit() * expert.limit
     prior_reads, expert_reads = (rows_as_told(run, ratio, expert.memory) for ratio in (told, np.array([expert_told])))
-    left_out = len(run.rows) - len(prior_reads)
+    both = min(len(prior_reads), len(expert_reads))
+    prior_reads, expert_reads, left_out = prior_reads[-both:], expert_reads[-both:], len(run.rows) - both
     actions = list[float]()
     for k, ((_, said), (rows, speed)) in enumerate(zip(prior_reads, expert_reads, strict=True)):
         before = float(run.rows[left_out + k, -1])
@@ -135,7 +136,7 @@ def demonstration(
 
 def rows_as_told(run: Watched, told: Array, memory: int) -> list[tuple[Tensor, float]]:
     """Return the rows (M, 2 p + 1) that a prior reads, and the told speed, for each period with a complete past."""
-    kept = ceil(memory / SLOWEST) + 1
+    kept = ceil(memory / min(SLOWEST, float((run.speeds * told).min()))) + 1
     scale = torch.from_numpy(1.0 / told**2)[:, None]
     rows, speeds = torch.cat([run.rows[:, :-1] * scale, run.rows[:, -1:]], dim=1), (run.speeds * told).tolist()
     spans = [slice(last - kept, last) for last in range(kept, len(rows) + 1)]

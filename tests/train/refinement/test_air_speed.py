@@ -1,5 +1,7 @@
 """The fit of the air speed's estimate: what it reads is what the ECU reads, and it finds weights that there are."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -9,6 +11,7 @@ from contract.config.tree import Config
 from contract.controller.air_speed import FIRST_PERIOD, LAGS, MEAN_PERIODS, feature_count, features, terms, weight_count
 from contract.controller.goal import Goal
 from ecu.controller_memory import ControllerMemory
+from tests.each import each
 from tests.train.refinement.oscillator import MIDDLES, START, Oscillator
 from train.fitting.progress import Phase
 from train.refinement.air_speed import DESIGN_SPEED_EVERY, MOST_WRONG, RUN_PERIODS, fit, run, wrong_speeds
@@ -68,10 +71,11 @@ def test_the_fit_finds_the_weights_of_an_estimate_that_there_is():
     assert fitted == pytest.approx(weights, abs=0.01)
 
 
-def test_a_refinement_over_speeds_ends_with_the_fit(monkeypatch):
+@each("slowest", (0.7, 0.3))
+def test_a_refinement_over_speeds_ends_with_the_fit(monkeypatch, slowest):
     monkeypatch.setattr("train.refinement.air_speed.RUNS", 3)
     policy, told = Feedback(4, 3, (0.3, 0.3, 0.05), MIDDLES, 0.075, 0), list[tuple[str, int, int]]()
-    settings = Config(refine=SETTINGS)
+    settings = Config(refine=replace(SETTINGS, slowest=slowest))
     weights = air_speed_of(Oscillator(), [START], policy, settings, lambda *seen: told.append(seen[:3]))
     assert weights.shape == (weight_count(2),) and np.isfinite(weights).all()
     assert told == [(Phase.AIR_SPEED, number, 3) for number in (1, 2, 3)]
