@@ -213,7 +213,7 @@ def drive(found: Any) -> str:
         )
         for row in found["figures"]
     ]
-    heads = ("drive", "less drag, % (range of starts)", "less Cd_net, %", "mean abs Cl", "without control")
+    heads = ("drive", "less drag, % (range of starts)", "less net energy, %", "mean abs Cl", "without control")
     return f"""{table((*heads, "in control, % (latched fault, starts)"), rows)}
 
 Measured on {found["date"]}: {facts["bundle"]} ({facts["digest"][:12]}), refinement {facts["mesh"]:g}, medians of
