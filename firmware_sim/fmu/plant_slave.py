@@ -69,7 +69,7 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
             self._add(f"pressure.{name}", what, "Pa", gives, lambda i=i: self._sample.Cp[i] * pressure)
         for name, field, unit, what in (
             ("Cd", "Cd", None, "Drag coefficient of the wall, at the speed of the operating point"),
-            ("Cd_net", "Cd_net", None, "Cd with the jets' force, momentum and power"),
+            ("Cd_net", "Cd_net", None, "Cd with the force on the slots and the jets' momentum"),
             ("Cl", "Cl", None, "Lift coefficient, at the speed of the operating point"),
             ("convective_time", "t", "t_c", "Time in units of width / speed"),
         ):
