@@ -26,8 +26,8 @@ EPOCHS: Final = 60.0
 BATCH: Final = 1024
 LEARNING_RATE: Final = 3e-3
 NOISE: Final = 0.5
-"""Largest standard deviation of the noise, in global deviations of pressure. This value is multiplied by the square of
-a uniform draw, so low noise is frequent."""
+"""Largest standard deviation of the noise, in rms deviations of the chosen sensors' pressures. This value is multiplied
+by the square of a uniform draw, so low noise is frequent."""
 HELD: Final = 0.4
 """Largest fraction of rows that repeat the row before them."""
 GUST: Final = 0.15

@@ -188,8 +188,8 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     """Weight of the squared transverse velocity at the wake probe. This velocity indicates the drag after the
     stretch."""
     sensor_noise: NonNegative[float] = 0.3
-    """Largest standard deviation of sensor noise, in global standard deviations of pressure; most stretches have far
-    less noise."""
+    """Largest standard deviation of a sensor's noise, in standard deviations of this sensor's recorded pressure; most
+    stretches have far less noise."""
     offset: NonNegative[float] = 0.0
     """Standard deviation of a random offset in Cp, constant in a stretch and equal for both sensors of a mirrored
     pair."""
