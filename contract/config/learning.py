@@ -178,9 +178,9 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     last_rate: Positive[float] = 0.1
     """Ratio of the final to the initial learning rate."""
     lift_price: NonNegative[float] = 0.04
-    """Weight of the lift coefficient's magnitude in the cost; the drag's weight is 1."""
+    """Weight of the lift coefficient's magnitude in the cost, at most 1; the drag's weight is 1."""
     effort_price: NonNegative[float] = 0.0
-    """Weight of the squared action in the cost; the drag's weight is 1."""
+    """Weight of the squared action in the cost, at most 9; the drag's weight is 1."""
     goals: bool = False
     """Whether each flow has random weights of lift and effort and a random limit of the jets. Each of these three
     values equals the configured value with probability one half."""

@@ -13,10 +13,11 @@ import numpy as np
 import scipy.linalg
 
 from contract.arrays import Array
+from contract.config.learning import RefineConfig
 from contract.config.tree import Config
-from contract.controller.goal import Goal
+from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT, Goal
 from contract.differentiable import DifferentiableFlow, FlowState
-from contract.errors import DatasetError, StillwakeError
+from contract.errors import ConfigError, DatasetError, StillwakeError
 from contract.model import model_folder
 from contract.model.model_folder import AIR_SPEED, RESTING
 from contract.recording import dataset
@@ -70,12 +71,13 @@ def refine_model(
         begins_with: hashes of the model and of the flow's start by name; a run that began with others is not continued.
 
     Raises:
-        ConfigError: the interrupted run has other settings, another model or another start.
+        ConfigError: the interrupted run has other settings, another model or another start; a price is too high.
         DatasetError: the model was fitted to another recording, or the sensors are no pairs of mirror images.
         PlantError: the flow diverged.
         StillwakeError: a file cannot be written.
     """
     check_pairs(model.layout, sensors)
+    check_prices(config.refine)
     model_folder.check_free(output)
     trained = replace(model.config.train, seed=config.train.seed)
     settings = replace(model.config, train=trained, refine=config.refine, mpc=config.mpc)
@@ -220,6 +222,13 @@ def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:
                 f"sensors {layout.names[first]} and {layout.names[second]} are not a pair: the mirror image of "
                 f"{layout.names[first]} is {layout.names[layout.mirror[first]]}"
             )
+
+
+def check_prices(settings: RefineConfig) -> None:
+    """Raise ConfigError for a price above the range that a prior reads (`contract.controller.goal`)."""
+    for name, most in (("lift_price", DEAREST_LIFT), ("effort_price", DEAREST_EFFORT)):
+        if (price := getattr(settings, name)) > most:
+            raise ConfigError(f"refine.{name} = {price:g}: must be at most {most:g}; a prior reads no higher weight")
 
 
 def predictor(stretches: Sequence[Array], memory: int) -> Array:

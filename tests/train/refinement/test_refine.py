@@ -21,8 +21,15 @@ from tests.train.refinement.oscillator import DRAG, MIDDLES, START, Oscillator
 from train.fitting.progress import Phase, silent
 from train.fitting.unfinished import Checkpoints, Identity
 from train.refinement.feedback import Feedback
-from train.refinement.pipeline import PREDICTOR_RIDGE, SPEEDS_AT_REST, check_pairs, predictor, resting_by_speed
-from train.refinement.refine import Done, Refined, done, refine
+from train.refinement.pipeline import (
+    PREDICTOR_RIDGE,
+    SPEEDS_AT_REST,
+    check_pairs,
+    check_prices,
+    predictor,
+    resting_by_speed,
+)
+from train.refinement.refine import Done, Refined, _next_goal, done, refine
 from train.refinement.windows import ROUNDED, Price, Stream, StretchReadings, Task, differentiate
 
 MEMORY, LIMIT = 6, 0.075
@@ -209,6 +216,15 @@ def test_the_predictor_finds_a_linear_system_and_needs_stretches_longer_than_its
             check_pairs(layout, sensors)
     with pytest.raises(ConfigError, match=r"refine\.shortest = 60: must be more than refine.memory"):
         RefineConfig(shortest=60)
+
+
+@each("prices", ({"lift_price": 1.001}, {"effort_price": 9.001}))
+def test_a_price_that_the_training_would_not_use_is_refused(prices):
+    highest = RefineConfig(lift_price=1.0, effort_price=9.0)
+    check_prices(highest)
+    assert _next_goal(highest, np.random.default_rng(0)).prices() == (9.0, 1.0)
+    with pytest.raises(ConfigError, match=f"{min(prices)} = .* must be at most"):
+        check_prices(RefineConfig(**prices))
 
 
 def test_the_wake_without_jets_is_measured_over_the_range_and_at_the_design_speed():
