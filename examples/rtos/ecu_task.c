@@ -46,7 +46,7 @@ void controller_task(void)
         const int sent = sw_ecu_step(&ecu, clock_ns(), received, count, to_send);
         for (int i = 0; i < sent; i++) send_frame(&to_send[i]);
 #if SW_SECOC
-        keep_freshness(&ecu.state);
+        if (ecu.secoc.is_given) keep_freshness(&ecu.state); /* without a key the stored values must stay */
 #endif
         due_ns = next_due(due_ns, arrived_ns);
     }
