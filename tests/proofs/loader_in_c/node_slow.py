@@ -147,3 +147,17 @@ def beside_jets(of: World) -> None:
     slow.control(60)
     slow.ask(b"\x10\x03")
     assert slow.unlock(3)[-1][1] == b"\x67\x04"
+
+
+def reset_behind_jets(of: World) -> None:
+    """A reset waits for a period that shuts the jets if control began behind its request."""
+    slow = Slow(of)
+    slow.control(60)
+    slow.ask(b"\x10\x02")
+    slow.ask_later(b"\x11\x01")
+    assert slow.look() == [b"\x51\x01"]
+    slow.asks = True
+    slow.control(1)
+    assert slow.node.fact(DRIVES_JETS) and not slow.node.fact(WANTS_RESET)
+    slow.control(1)
+    assert slow.node.fact(WANTS_RESET) and not slow.node.fact(DRIVES_JETS)
