@@ -115,7 +115,9 @@ class FlashableEcu:
         if self._serviced is not self._controlled:
             return []
         if self._wants_reset:
-            self._reset()
+            # If control began after the tester's request, the next control period shuts the jets first.
+            if not self._request.drives_jets:
+                self._reset()
             return []
         self._service_ns = now_ns
         cycle, frames = self._serviced, frames[:MOST_FRAMES]

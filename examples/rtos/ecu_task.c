@@ -36,6 +36,7 @@ void controller_task(void)
     for (int i = 0; i < SW_AES_BYTES; i++) ((volatile uint8_t *)given.key)[i] = 0;
 #endif
     for (;;) {
+        const uint32_t missed_before = ecu.state.missed;
         int64_t arrived_ns = -1;
         sleep_until(due_ns);
         const int count = take_frames(received, ROOM);
@@ -46,8 +47,9 @@ void controller_task(void)
         const int sent = sw_ecu_step(&ecu, clock_ns(), received, count, to_send);
         for (int i = 0; i < sent; i++) send_frame(&to_send[i]);
 #if SW_SECOC
-        keep_freshness(&ecu.state);
+        if (ecu.secoc.is_given) keep_freshness(&ecu.state); /* without a key the stored values must stay */
 #endif
-        due_ns = next_due(due_ns, arrived_ns);
+        /* Pressures that the ECU did not use, for example invalid ones, do not move the deadlines. */
+        due_ns = next_due(due_ns, ecu.state.missed == missed_before ? arrived_ns : -1);
     }
 }

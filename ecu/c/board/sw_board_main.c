@@ -166,7 +166,8 @@ static void step(sw_board_period *period, int64_t now_ns)
     const int sent = control(now_ns, period->count, answers);
     for (int i = 0; i < sent; i++) (void)sw_board_can_send(&answers[i], (uint32_t)i);
 #if SW_SECOC
-    sw_board_keep_freshness(&sw_board_ecu->state);
+    /* Without a key the state has no freshness, and the stored values must stay. */
+    if (sw_board_ecu->secoc.is_given != 0u) sw_board_keep_freshness(&sw_board_ecu->state);
 #endif
     const int64_t next_ns = now_ns + (int64_t)SW_PERIOD_NS;
     period->deadline_ns = period->came != 0u ? next_ns + (int64_t)SW_PERIOD_NS / 2 : next_ns;

@@ -15,7 +15,7 @@
 
 #define RECORDS 2u
 #define WORDS 7u
-#define NUMBER 0u /* number of the record; the record with the greater number is newer */
+#define NUMBER 0u /* number of the record; the newer record has the later number; 0 follows the largest number */
 #define TRIP 1u
 #define HEARD_PRESSURE 2u /* freshness value in this word and the next; the low word is first */
 #define HEARD_SPEED 4u
@@ -43,7 +43,7 @@ static uint32_t newest(void)
     for (uint32_t i = 0; i < RECORDS; i++) {
         const volatile uint32_t *words = record(i);
         if (words[CHECK] != check_of(words)) continue;
-        if (found == RECORDS || words[NUMBER] > record(found)[NUMBER]) found = i;
+        if (found == RECORDS || words[NUMBER] - record(found)[NUMBER] <= UINT32_MAX / 2u) found = i;
     }
     return found;
 }

@@ -233,7 +233,11 @@ int sw_node_is_request(const sw_frame *frame)
     return sw_isotp_is_request(frame);
 }
 
-int sw_node_wants_reset(const sw_node *node) { return node->services.uds.wants_reset && !node->is_full; }
+int sw_node_wants_reset(const sw_node *node)
+{
+    /* If control began after the tester's request, the next control period shuts the jets first. */
+    return node->services.uds.wants_reset && !node->is_full && !node->services.request.drives_jets;
+}
 
 int sw_node_needs_reset(const sw_node *node)
 {

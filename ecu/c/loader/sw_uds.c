@@ -106,18 +106,18 @@ static uint8_t put_off(sw_uds *uds, const uint8_t *request, uint32_t length)
     return SW_UDS_MORE;
 }
 
-/* Clears the bit that suppresses the answer, then executes the first part of a request. */
+/* Clears the bit that suppresses the answer, then executes or stores the request. A stored request has no such bit. */
 static uint8_t began(sw_uds *uds, uint8_t *request, uint32_t length, sw_answer *answer)
 {
     const sw_service *service = service_of(uds, request[0]);
     if (service == NULL) return SW_NRC_SERVICE_NOT_SUPPORTED;
     if ((service->sessions & 1u << uds->session) == 0u) return SW_NRC_SERVICE_NOT_IN_SESSION;
-    if (service->writes && sw_store_is_erasing(uds->store)) return put_off(uds, request, length);
     if (service->has_sub_function) {
         if (length < 2u) return SW_NRC_INCORRECT_LENGTH;
-        uds->is_quiet = (uint8_t)((request[1] & SUPPRESS) != 0u);
+        uds->is_quiet = (uint8_t)(uds->is_quiet || (request[1] & SUPPRESS) != 0u);
         request[1] = (uint8_t)(request[1] & ~SUPPRESS);
     }
+    if (service->writes && sw_store_is_erasing(uds->store)) return put_off(uds, request, length);
     return service->handle(uds->services, &request[1], length - 1u, answer);
 }
 

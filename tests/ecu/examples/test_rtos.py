@@ -49,3 +49,14 @@ def test_every_period_has_a_command_and_the_jets_are_driven(system, folder, buil
         modes.append(command.mode)
     assert Mode.CONTROL not in modes[: ASKED_FROM - 1]
     assert set(modes[ASKED_FROM + 10 :]) == {Mode.CONTROL}
+
+
+@pytest.mark.compiler
+def test_pressures_that_are_not_used_move_no_deadline(folder, tmp_path, shared_builds):
+    contents = {name: text for name, text in without(folder).items() if name.endswith(".h") and "/" not in name}
+    contents |= {name: (RTOS / name).read_bytes() for name in ("ecu_port.h", "ecu_task.c")}
+    contents |= {"unused.c": (C / "unused.c").read_bytes()}
+    program = tmp_path / "ecu"
+    shared_builds.compile_c(contents, program, compiler=host_compiler(), flags=("-O1",))
+    done = subprocess.run([program], capture_output=True, text=True, timeout=60, check=True)
+    assert len(begun := done.stdout.split()) == 40 and len(set(begun)) == 1

@@ -16,7 +16,7 @@ from contract.runtime.onnx_session import OnnxController
 from ecu.ecu import Ecu
 from ecu.flashable.links import MOST_FRAMES
 from tests.can_bridge.uds.addresses import REQUEST_ID
-from tests.ecu.flashable.vehicle_ecu import UNCHECKED, Rig, image, provision
+from tests.ecu.flashable.vehicle_ecu import MS, UNCHECKED, Rig, image, provision
 
 EXTENDED, PROGRAMMING, PRECONDITIONS = b"\x10\x03", b"\x10\x02", b"\x31\x01\x02\x03"
 NOT_NOW = 0x22
@@ -74,6 +74,19 @@ def test_a_flood_of_requests_does_not_stop_long_work(rig: Rig) -> None:
     before = len(rig.answers)
     rig.run(2000)
     assert any(answer[:4] == b"\x71\x01\xff\x01" for answer in rig.answers[before:])
+
+
+def test_a_reset_waits_for_a_period_that_shuts_the_jets(rig: Rig) -> None:
+    rig.run_asking(False, 1500)
+    rig.good(PROGRAMMING)
+    rig.run((rig.due_ns - rig.now_ns) // MS - 1)
+    # The request for control rises behind the request for a reset.
+    rig.tester.send(b"\x11\x01")
+    rig.request = True
+    rig.run(3)
+    assert (rig.ecu.resets, rig.commands[-1].enable) == (0, True)
+    rig.run(2 * rig.config.period_ns // MS)
+    assert rig.ecu.resets == 1 and not rig.commands[-1].enable
 
 
 def test_no_programming_while_the_jets_may_run(rig: Rig) -> None:

@@ -4,6 +4,7 @@ Arm's GCC builds it from the exported folder."""
 import platform
 import re
 import shutil
+import struct
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -125,6 +126,14 @@ def test_a_library_without_a_board_is_an_error_in_one_line(sources):
         BoardEcu({name: text for name, text in sources.items() if "/" not in name})
 
 
+def record(number: int, trip: int) -> bytes:
+    """What the firmware keeps of its freshness, with nothing heard so far."""
+    words, check = (number, trip, 0, 0, 0, 0), 0x811C9DC5
+    for word in words:
+        check = (check ^ word) * 0x01000193 & 0xFFFFFFFF
+    return struct.pack("<7I", *words, check)
+
+
 @fuses
 def test_with_a_key_it_sends_the_hosts_frames_and_its_battery_keeps_the_freshness(release):
     own = ecu_sources(release.folder, release.bundle, KEYED)
@@ -144,11 +153,21 @@ def test_with_a_key_it_sends_the_hosts_frames_and_its_battery_keeps_the_freshnes
     board.board.poke(BACKUP + newest + 12, b"\xff")
     board.power_on(board.board.flash.bank, now_ns)
     assert (board.state.freshness.trip, board.state.verifier.freshness) == (3, heard)
-    # The firmware of a library has zeros in the key's place, which are none.
+    # The firmware of a library has zeros in the key's place, which are none; what was kept stands.
     assert b"SW_BOARD_BUS_KEY {0}" in own["board/sw_board_bus_key.h"]
     blank = tuple((at, content.replace(SECRET, bytes(16))) for at, content in board.firmware.segments)
     assert blank != board.firmware.segments
-    assert BoardEcu(own, firmware=replace(board.firmware, segments=blank)).step(now_ns, frames) == []
+    keyed, board.firmware = board.firmware, replace(board.firmware, segments=blank)
+    board.power_on(board.board.flash.bank, now_ns)
+    assert board.step(now_ns, frames) == []
+    board.firmware = keyed
+    board.power_on(board.board.flash.bank, now_ns)
+    assert (board.state.freshness.trip, board.state.verifier.freshness) == (5, heard)
+    # Behind the largest number of a record comes 0: it is newer still.
+    board.board.poke(BACKUP, record(2**32 - 2, 6) + record(2**32 - 1, 7))
+    for trip in (8, 9, 10):
+        board.power_on(board.board.flash.bank, now_ns)
+        assert board.state.freshness.trip == trip
 
 
 MISSING = [name for name in ("arm-none-eabi-gcc", "cmake") if shutil.which(name) is None]

@@ -87,7 +87,8 @@ def erased_beside(of: World) -> None:
         clear = slow.frame(control_info.single(b"\x14\xff\xff\xff"), every)
         slow.look(slow.frame(b"\x10\x40" + bytes(6)))
         assert [*slow.look(clear), *slow.look()] == [b"\x7f\x14\x21"]
-    frames = [slow.single(one) for one in (b"\x27\x03", b"\x3e\x80", b"\x22\xf1\x86")]
+    # A suppressed answer is sent after all, since its tester had to wait.
+    frames = [slow.single(one) for one in (b"\x27\x83", b"\x3e\x80", b"\x22\xf1\x86")]
     assert slow.look(*frames) == [b"\x7f\x22\x21"]
     # The first of a longer message is refused meanwhile.
     first = slow.frame(b"\x10\x40" + bytes(6))
@@ -146,3 +147,17 @@ def beside_jets(of: World) -> None:
     slow.control(60)
     slow.ask(b"\x10\x03")
     assert slow.unlock(3)[-1][1] == b"\x67\x04"
+
+
+def reset_behind_jets(of: World) -> None:
+    """A reset waits for a period that shuts the jets if control began behind its request."""
+    slow = Slow(of)
+    slow.control(60)
+    slow.ask(b"\x10\x02")
+    slow.ask_later(b"\x11\x01")
+    assert slow.look() == [b"\x51\x01"]
+    slow.asks = True
+    slow.control(1)
+    assert slow.node.fact(DRIVES_JETS) and not slow.node.fact(WANTS_RESET)
+    slow.control(1)
+    assert slow.node.fact(WANTS_RESET) and not slow.node.fact(DRIVES_JETS)

@@ -28,7 +28,7 @@ from tests.proofs.ecu_in_c.planted import changed
 from tests.proofs.loader_in_c.node_library import QUICK, SESSION, Library, build, sources
 from tests.proofs.loader_in_c.node_plans import confirmations, overtaken
 from tests.proofs.loader_in_c.node_program import play, play_plan
-from tests.proofs.loader_in_c.node_slow import beside_jets, erased_beside, with_few_places
+from tests.proofs.loader_in_c.node_slow import beside_jets, erased_beside, reset_behind_jets, with_few_places
 from tests.proofs.loader_in_c.node_states import visited
 from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, Twins, World, as_in_c, frame_to, world
 from tests.proofs.loader_in_c.proof import sizes
@@ -227,6 +227,7 @@ def test_a_slow_memory_and_a_full_controller_are_waited_for(of: World) -> None:
     erased_beside(of)
     with_few_places(of)
     beside_jets(of)
+    reset_behind_jets(of)
 
 
 @pytest.mark.parametrize("faults", [PLANTED[1:2], pytest.param(PLANTED, marks=pytest.mark.proofs)])
@@ -281,6 +282,7 @@ def missed(folder: Path, seeds: Sequence[int]) -> list[str]:
         erased_beside(of)
         with_few_places(of)
         beside_jets(of)
+        reset_behind_jets(of)
         library.c.host_dump()
         for file, at, counts in branches(place):
             if file in MEASURED:
