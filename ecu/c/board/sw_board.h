@@ -1,7 +1,7 @@
 /* The properties of this board: addresses of registers, clocks, bit timing, sectors. For another board with the same
  * kinds of peripherals, change only this file and the memories in sw_board.ld. The addresses are for an STM32H743
  * (RM0433), except the address of the counter, which Arm defines (CNTReadBase). The board's maker implements
- * sw_board_power_on, which sets up the clock tree and the pins.
+ * sw_board_power_on, which sets up the clocks (also of TIM3) and the pins.
  */
 #ifndef SW_BOARD_H
 #define SW_BOARD_H
@@ -20,7 +20,9 @@
 #define SW_BOARD_CAN_RAM 0x4000ac00u /* message RAM of M_CAN */
 #define SW_BOARD_CAN_INTERRUPT 19u   /* interrupt number of M_CAN's line 0; the interrupt only ends the core's sleep */
 #define SW_BOARD_TIMER_INTERRUPT 30u /* interrupt number of the counter's compare value; it only ends sleep */
-#define SW_BOARD_CAN_NS 2000u        /* resolution of receive time stamps: one nominal bit */
+#define SW_BOARD_STAMPS 0x40000400u  /* TIM3, whose count M_CAN takes as receive time stamp */
+#define SW_BOARD_STAMP_CLOCKS 480u   /* clocks of TIM3 (240 MHz) per count of time stamps */
+#define SW_BOARD_CAN_NS 2000u        /* duration of a count of time stamps */
 /* The clock of M_CAN is 80 MHz. A nominal bit has 160 quanta (500 kbit/s) and is sampled at 80 %; a data bit has 40
  * quanta (2 Mbit/s) and is sampled at 75 %.
  */

@@ -8,8 +8,12 @@
 #include "sw_board.h"
 
 #define CAN(offset) SW_BOARD_REGISTER(SW_BOARD_CAN + (offset))
+#define STAMPS(offset) SW_BOARD_REGISTER(SW_BOARD_STAMPS + (offset))
 #define RAM(word) SW_BOARD_REGISTER(SW_BOARD_CAN_RAM + 4u * (word))
 
+#define TIMER_CR1 0x00u
+#define TIMER_EGR 0x14u
+#define TIMER_PSC 0x28u
 #define DBTP 0x00cu
 #define CCCR 0x018u
 #define NBTP 0x01cu
@@ -92,7 +96,11 @@ void sw_board_can_start(const uint32_t *ids, uint32_t count)
     CAN(NBTP) = SW_BOARD_CAN_NOMINAL;
     CAN(DBTP) = SW_BOARD_CAN_DATA;
     CAN(TDCR) = SW_BOARD_CAN_DELAY;
-    CAN(TSCC) = 1u; /* time stamps count nominal bits */
+    /* The internal counter counts bits, whose duration changes within a frame of CAN FD. */
+    STAMPS(TIMER_PSC) = SW_BOARD_STAMP_CLOCKS - 1u;
+    STAMPS(TIMER_EGR) = 1u; /* takes over the prescaler */
+    STAMPS(TIMER_CR1) = 1u;
+    CAN(TSCC) = 2u; /* time stamps from the external counter */
     set_filters(ids, count);
     CAN(GFC) = REFUSE_REMOTE_AND_OTHERS;
     CAN(RXF0C) = (RECEIVED_ELEMENTS << 16) | (4u * RECEIVED);
@@ -116,7 +124,7 @@ static void read_element(sw_frame *frame, uint32_t at)
         const uint32_t word = RAM(at + 2u + i / 4u);
         for (uint32_t j = 0; j < 4u; j++) frame->data[i + j] = (uint8_t)(word >> (8u * j));
     }
-    /* The counter of bit times has 16 bits, so a frame must be read within 65,536 bit times after its arrival. */
+    /* The counter has 16 bits, so a frame must be read within 131 ms after its arrival. */
     const uint32_t age = (CAN(TSCV) - second) & 0xffffu;
     frame->timestamp_ns = sw_board_now_ns() - (int64_t)age * (int64_t)SW_BOARD_CAN_NS;
 }

@@ -24,7 +24,7 @@ from firmware_sim.mcu.board.flash_controller import (
     FlashTimes,
     PowerCut,
 )
-from firmware_sim.mcu.board.small_parts import CPACR, CoreRegisters, Counter, RandomNumbers, SystemReset
+from firmware_sim.mcu.board.small_parts import CPACR, CoreRegisters, Counter, RandomNumbers, StampTimer, SystemReset
 from firmware_sim.mcu.build import Firmware
 from firmware_sim.mcu.emulator import FLASH, EmulatedCore
 
@@ -37,12 +37,13 @@ BACKUP, BACKUP_BYTES = 0x3880_0000, 4096
 _STACK_BYTES: Final = 16 * 1024
 _PAGE: Final = 4096
 _COUNTER, _RANDOM, _CAN, _FLASH, _CORE = 0x5C00_8000, 0x4802_1800, 0x4000_A000, 0x5200_2100, 0xE000_E000
+_STAMPS: Final = 0x4000_0400
 _READABLE: Final = unicorn_const.UC_PROT_READ
 _LONGEST_US: Final = 600_000_000
 """Wall time in us after which a core that has not gone to sleep is considered failed."""
 
 
-Part = Counter | RandomNumbers | CanController | FlashController | CoreRegisters
+Part = Counter | RandomNumbers | StampTimer | CanController | FlashController | CoreRegisters
 
 
 class Board(EmulatedCore):
@@ -73,7 +74,8 @@ class Board(EmulatedCore):
         self.poke(BACKUP, backup)
         self._raised = list[Exception]()
         self.counter, self._registers = Counter(now_ns), CoreRegisters()
-        self.can = CanController(lambda: self.counter.now_ns)
+        stamps = StampTimer(lambda: self.counter.now_ns)
+        self.can = CanController(lambda: self.counter.now_ns, stamps.count)
         self.flash = FlashController(
             bank or FlashBank(), self._flash_changed, counter=self.counter, times=times, cut_at=cut_at, seed=seed
         )
@@ -86,6 +88,7 @@ class Board(EmulatedCore):
         parts: tuple[tuple[int, int, Part], ...] = (
             (_COUNTER, 0x1000, self.counter),
             (_RANDOM, 0x1000, RandomNumbers(seed)),
+            (_STAMPS, 0x1000, stamps),
             (_CAN, 0x4000, self.can),
             (_FLASH, 0x1000, self.flash),
             (_CORE, 0x1000, self._registers),

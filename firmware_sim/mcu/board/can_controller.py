@@ -1,7 +1,7 @@
 """A Bosch M_CAN with its message RAM (user's manual, revision 3.3), as far as the firmware uses it.
 
-Modelled: CCCR (INIT, CCE, FDOE, BRSE), NBTP, DBTP, TDCR, TSCC and TSCV (time stamps in nominal bits), ECR (TEC, REC,
-RP), PSR (EP, EW, BO), IR (RF0N, RF0L, BO), IE, ILE, GFC, SIDFC, XIDFC and XIDAM with classic filters into FIFO 0,
+Modelled: CCCR (INIT, CCE, FDOE, BRSE), NBTP, DBTP, TDCR, TSCC and TSCV (external counter), ECR (TEC, REC, RP), PSR (EP,
+EW, BO), IR (RF0N, RF0L, BO), IE, ILE, GFC, SIDFC, XIDFC and XIDAM with classic filters into FIFO 0,
 RXF0C, RXF0S, RXF0A, RXESC, TXBC with dedicated buffers and a FIFO after them, TXFQS, TXESC, TXBRP, TXBAR, TXBCR and
 TXBTO; elements of up to 64 bytes with XTD, FDF and BRS. An access to any other register is an error.
 
@@ -24,13 +24,14 @@ from contract.errors import McuError
 MESSAGE_RAM: Final = 0xC00
 _RAM_BYTES: Final = 10 * 1024
 CLOCK_HZ: Final = 80_000_000
-_CCCR, _ECR, _PSR, _TSCV, _IR = 0x18, 0x40, 0x44, 0x24, 0x50
+_CCCR, _ECR, _PSR, _TSCC, _TSCV, _IR = 0x18, 0x40, 0x44, 0x20, 0x24, 0x50
+_BITS, _EXTERNAL = 1, 2
 _RXF0S, _RXF0A, _TXFQS, _TXBRP, _TXBAR, _TXBCR, _TXBTO = 0xA4, 0xA8, 0xC4, 0xCC, 0xD0, 0xD4, 0xD8
 _DBTP, _NBTP, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, _TXBC = 0x0C, 0x1C, 0x80, 0x84, 0x88, 0x90, 0xA0, 0xC0
-_PLAIN: Final = {_DBTP, _NBTP, 0x20, 0x48, 0x54, 0x5C, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, 0xBC, _TXBC, 0xC8}
+_PLAIN: Final = {_DBTP, _NBTP, _TSCC, 0x48, 0x54, 0x5C, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, 0xBC, _TXBC, 0xC8}
 _PROTECTED: Final = _PLAIN - {0x54, 0x5C}
 """Registers that only store values (`_PLAIN`), and registers writable only while CCE is set (`_PROTECTED`)."""
-_INIT, _CCE = 1, 2
+_INIT, _CCE, _BRSE = 1, 2, 0x200
 _RF0N, _RF0L, _BO = 1, 8, 1 << 25
 _XTD, _FDF, _BRS = 1 << 30, 1 << 21, 1 << 20
 _ELEMENT_WORDS: Final = 18
@@ -38,11 +39,12 @@ _EVER_NS: Final = 1 << 63
 
 
 class CanController:
-    """The registers and message RAM of a CAN controller; `clock` returns the board's time in ns. After the firmware
-    clears INIT, `init_reads_late` reads of CCCR still show INIT: the change must pass to another clock domain."""
+    """The registers and message RAM of a CAN controller; `clock` returns the board's time in ns, `stamps` the external
+    counter at such a time. After the firmware clears INIT, `init_reads_late` reads of CCCR still show INIT: the change
+    must pass to another clock domain."""
 
-    def __init__(self, clock: Callable[[], int]) -> None:
-        self._clock = clock
+    def __init__(self, clock: Callable[[], int], stamps: Callable[[int], int]) -> None:
+        self._clock, self._stamps = clock, stamps
         self._ram = bytearray(_RAM_BYTES)
         self._kept = dict.fromkeys(_PLAIN, 0) | {_XIDAM: 0x1FFF_FFFF}
         self._control, self._interrupts = _INIT, 0
@@ -204,7 +206,10 @@ class CanController:
         return not self._kept[_GFC] >> 4 & 2
 
     def _time_stamp(self, at_ns: int) -> int:
-        return int(at_ns * self.bit_rates[0] // 1_000_000_000) & 0xFFFF if self._kept[_NBTP] else 0
+        source = self._kept[_TSCC] & 3
+        if source == _BITS and self._control & _BRSE:
+            raise McuError("CAN controller: TSCC counts bits, which differ in duration with bit-rate switching")
+        return self._stamps(at_ns) & 0xFFFF if source == _EXTERNAL else 0
 
 
 class _OnWire(NamedTuple):

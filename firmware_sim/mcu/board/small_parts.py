@@ -1,6 +1,8 @@
-"""The counter, the random number generator and the core's own registers, as far as the firmware uses them."""
+"""The counter, the timer of time stamps, the random number generator and the core's own registers, as far as the
+firmware uses them."""
 
 import random
+from collections.abc import Callable
 from typing import Final
 
 from contract.errors import McuError
@@ -39,6 +41,40 @@ class Counter:
             raise McuError(f"counter: no register to write at {offset:#x}")
         shift = 8 * (offset & 4)
         self.compare_ns = self.compare_ns & ~(0xFFFF_FFFF << shift) | value << shift
+
+
+class StampTimer:
+    """The timer TIM3 of an STM32H743 at 240 MHz, which counts time stamps: CR1 (CEN), EGR (UG), CNT and PSC."""
+
+    _CLOCK_MHZ: Final = 240
+
+    def __init__(self, now_ns: Callable[[], int]) -> None:
+        self._now_ns = now_ns
+        self._prescaler = self._next = 0
+        self._began_ns: int | None = None
+
+    def count(self, at_ns: int) -> int:
+        """Return the count at a time in ns; 0 before the timer was started."""
+        if self._began_ns is None:
+            return 0
+        return (at_ns - self._began_ns) * self._CLOCK_MHZ // (1000 * (self._prescaler + 1)) & 0xFFFF
+
+    def read(self, offset: int) -> int:
+        """Read the count; raises McuError for another register."""
+        if offset != 0x24:
+            raise McuError(f"TIM3: no register to read at {offset:#x}")
+        return self.count(self._now_ns())
+
+    def write(self, offset: int, value: int) -> None:
+        """Write a register; raises McuError if it is not modelled. An update event takes over the prescaler."""
+        if offset == 0x28:
+            self._next = value
+        elif offset == 0x14 and value == 1:
+            self._prescaler = self._next
+        elif offset == 0 and value == 1:
+            self._began_ns = self._now_ns()
+        else:
+            raise McuError(f"TIM3: no register to write at {offset:#x}")
 
 
 class RandomNumbers:

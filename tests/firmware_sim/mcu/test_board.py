@@ -108,6 +108,9 @@ def test_every_frame_and_state_is_the_hosts(sources):
     assert board._pointer("sw_board_lost") == 4  # what was taken back counts as well
     with pytest.raises(McuError, match="from outside"):
         board.step(now_ns, [], fault=Reason.NO_RELEASE)
+    can._kept[0x20] = 1
+    with pytest.raises(McuError, match="TSCC counts bits"):
+        can.read(0x24)
 
 
 @pytest.mark.proofs  # two more builds; the ECU in C is held to the one in Python at speeds, and the board to C
