@@ -226,3 +226,17 @@ def test_it_comes_back_when_its_connection_is_lost(live):
     live.page.evaluate("stillwake.page.stream.hello = null")
     wait_for(live, "body[data-connection=live] #headline .pill >> text=CONTROL")
     assert live.page.evaluate("stillwake.page.stream.hello.run") >= 1
+
+
+def test_a_state_that_passes_in_a_hidden_tab_does_not_stay_lit(live):
+    # A hidden tab gets no frames, but its timers go on.
+    live.page.evaluate("""async () => {
+        const [frame, waiting] = [globalThis.requestAnimationFrame, []];
+        globalThis.requestAnimationFrame = (draw) => waiting.push(draw);
+        stillwake.page.states.glow('UPDATE');
+        await new Promise((over) => setTimeout(over, 1600));
+        globalThis.requestAnimationFrame = frame;
+        waiting.forEach((draw) => frame(draw));
+    }""")
+    wait_for(live, ".states-drawing .passed[data-state=UPDATE]")
+    until(lambda: live.page.locator(".passed[data-state=UPDATE]").count() == 0)
