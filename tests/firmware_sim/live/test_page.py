@@ -165,8 +165,9 @@ def test_a_fault_shows_what_the_ecu_does_and_one_button_ends_it(live):
     live.page.locator("[data-request=power_cycle]").click()
     wait_for(live, ".event-list >> text=to BOOT")
     run = live.page.evaluate("stillwake.page.stream.hello.run")
-    live.page.locator("[data-request=restart]").click()
+    live.page.locator("[data-request=restart]").press("Enter")
     until(lambda: live.page.evaluate("stillwake.page.stream.hello.run") == run + 1)
+    assert live.page.evaluate("document.activeElement.dataset.request") == "restart"
     wait_for(live, "#headline .pill >> text=CONTROL")
 
 
