@@ -241,3 +241,22 @@ def test_a_state_that_passes_in_a_hidden_tab_does_not_stay_lit(live):
     }""")
     wait_for(live, ".states-drawing .passed[data-state=UPDATE]")
     until(lambda: live.page.locator(".passed[data-state=UPDATE]").count() == 0)
+
+
+def test_a_slider_takes_every_key_and_follows_the_loop_once_it_is_released(live):
+    slider = live.page.locator("[data-setting=noise]")
+    for _ in range(6):
+        slider.press("ArrowRight")
+    until(lambda: live.page.evaluate("stillwake.page.settings.noise") == 0.3)
+    ask(live, clear=True)
+    until(lambda: slider.input_value() == "0")
+    slider.scroll_into_view_if_needed()
+    box = slider.bounding_box()
+    x, y = box["x"] + 2, box["y"] + box["height"] / 2
+    live.page.mouse.move(x + 6, y)
+    live.page.mouse.down()
+    for to in (x + 80, x):
+        live.page.mouse.move(to, y, steps=5)
+    live.page.mouse.up()
+    ask(live, set={"noise": 0.5})
+    until(lambda: slider.input_value() == "0.5")
