@@ -47,7 +47,7 @@ def disturbed(log: RunLog) -> Iterator[Disturbed]:
 def _period(log: RunLog, seconds: str) -> int | None:
     """Return the first period that starts at or after a time in s, given as text; None if the text is not a time."""
     try:
-        return max(0, int(-(-float(seconds) * 1e9 // log.metadata.config.period_ns)))
+        return max(0, -(-round(float(seconds) * 1e9) // log.metadata.config.period_ns))
     except (ValueError, OverflowError):
         return None
 
