@@ -138,16 +138,16 @@ def test_request_states_and_disturbances_are_listed_in_order(shedding):
 
 def test_the_sensor_and_the_time_of_a_disturbance_are_known(shedding):
     for text, expected in {
-        "dead:sensor=base_7@1.25..1.3": (("base_7", "dead"), 63, 65),
-        "bias:level=2,sensor=upper_39": (("upper_39", "bias"), 0, 160),
+        "dead:sensor=base_7@1.25..1.3": ([("base_7", "dead")], 63, 65),
+        "bias:level=2,sensor=upper_39": ([("upper_39", "bias")], 0, 160),
         # In doubles, 2.14 s are more than 107 periods of 20 ms.
-        "dead:sensor=base_7@2.14..2.3": (("base_7", "dead"), 107, 115),
-        "swap:first=a,second=b@1..": (None, 50, 160),
+        "dead:sensor=base_7@2.14..2.3": ([("base_7", "dead")], 107, 115),
+        "swap:sensors=a+b@1..": ([("a", "swap"), ("b", "swap")], 50, 160),
         # At no time: it begins with the run.
-        "reset@x..nan": (None, 0, 160),
+        "reset@x..nan": ([], 0, 160),
     }.items():
         (one,) = disturbed(shedding(faults=(InjectedFault(text=text, acted=1),)))
-        assert (one.sensor, one.first, one.after) == expected, text
+        assert (one.sensors, one.first, one.after) == expected, text
 
 
 def test_a_loop_that_flaps_ends_in_a_count(shedding, monkeypatch):
