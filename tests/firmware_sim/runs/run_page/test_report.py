@@ -84,6 +84,9 @@ def test_a_picture_names_its_bundle_and_one_of_another_kind_is_refused(folder, t
         assert image.info["Description"] == "stillwake bundle " + "0123456789abcdef" * 4
     with pytest.raises(StillwakeError, match=r"x\.xyz: must be a file ending in \.png, \.pdf, \.svg"):
         write_picture(folder, tmp_path / "x.xyz")
+    log = run_log.load(folder.series)
+    run_log.save(folder.series, replace(log, enabled_at=len(log.series["t"])))
+    write_picture(folder, tmp_path / "unrequested.svg")
     folder.controlled_picture.unlink()
     with pytest.raises(StillwakeError, match=r"vorticity_controlled\.png: No such file"):
         write_report(folder)
