@@ -14,7 +14,7 @@ from PIL import Image
 from can_bridge.wire.messages import Mode, Reason
 from contract.errors import StillwakeError
 from firmware_sim.runs import run_log
-from firmware_sim.runs.metadata import InjectedFault
+from firmware_sim.runs.metadata import InjectedFault, RunEcu
 from firmware_sim.runs.run_log import RunFolder
 from firmware_sim.runs.run_page import run_data as listing
 from firmware_sim.runs.run_page.report import differing, figure_rows, names_of, write_picture, write_report
@@ -73,6 +73,18 @@ def test_a_faulted_run_has_a_red_box_before_anything_else_and_one_without_a_plan
     assert box < page.index("<table>") < page.index('<caption class="trouble">ECU FAULT') < page.index("mean Cd (wall)")
     run_log.save(folder.series, shedding(modes=dict.fromkeys(range(100), Mode.OFF), skipped=range(100)))
     assert write_report(folder).is_file()
+
+
+@pytest.mark.slow  # draws pages
+def test_a_page_states_the_times_that_its_run_had(shedding, folder):
+    log = shedding(ecu=RunEcu.of("mcu", 480.0, [10_000_000]))
+    usual = "a control step takes 8 ms on any"
+    assert usual in " ".join(write_report(folder).read_text(encoding="utf-8").split())
+    config = replace(log.metadata.config, bus=replace(log.metadata.config.bus, frames="classic"))
+    run_log.save(folder.series, replace(log, metadata=replace(log.metadata, config=config)))
+    page = " ".join(write_report(folder).read_text(encoding="utf-8").split())
+    assert usual not in page
+    assert "takes the core's modelled cycles; frame times follow from the bits at 500 kbit/s.</p>" in page
 
 
 @pytest.mark.slow  # draws pages
