@@ -238,7 +238,8 @@ def histogram_figure(runs: Sequence[MeasuredRun]) -> Figure:
         axes.set(ylabel="periods", yscale="log", xlim=(0.0, bins[-1]))
         axes.set_ylim(0.7, None)  # so that a bar of a single period is visible
         axes.grid(alpha=0.25)
-        axes.legend(fontsize=8, loc="upper right")
+        for text in axes.legend(fontsize=8, loc="upper right").get_texts():
+            text.set_parse_math(False)  # a bundle's name with two $ is no formula
     below.set_xlabel("ms")
     return figure
 
