@@ -208,6 +208,8 @@ def test_page_and_loop_mean_the_same_numbers(live):
     assert live.page.evaluate(read, list(raw)) == expected
     shaded = {Mode.CONTROL: "control", Mode.HOLD: "hold", Mode.DECAY: "hold", Mode.FAULT: "fault"}
     assert live.page.evaluate("stillwake.Curves.SHADED") == {str(int(mode)): kind for mode, kind in shaded.items()}
+    ticks = "step => stillwake.page.curves.drag.options().axes[1].values(null, [0.9, 0.9 + step], 1, 17, step)"
+    assert [live.page.evaluate(ticks, step) for step in (0.05, 0.025)] == [["0.90", "0.95"], ["0.900", "0.925"]]
     states = live.page.evaluate("stillwake.StateMachine.STATES")
     assert sorted(states) == sorted(["UNPOWERED", "BOOT", *OperatingMode.__members__])
     # What has another word on the wire, and so in a run's series.
