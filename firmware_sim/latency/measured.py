@@ -274,7 +274,8 @@ def notes(run: MeasuredRun) -> Iterator[str]:
     yield f"{run.about}; {periods} periods of {run.periods.period_ns / 1e6:g} ms, {run.periods.planned} with a plan."
     if periods < NEEDED_FOR_P99_9:
         yield f"p99.9 of fewer than {NEEDED_FOR_P99_9} periods is their maximum."
-    yield f"Slack, from the median to the end of the period: {run.slack_ns / 1e6:.2f} ms."
+    slack = f"{run.slack_ns / 1e6:.2f} ms" if isfinite(run.slack_ns) else "not known, because no command arrived"
+    yield f"Slack, from the median to the end of the period: {slack}."
     yield f"Privileges: {run.recorded.privileges}."
 
 

@@ -15,6 +15,7 @@ from firmware_sim.latency.measured import (
     KeptLimit,
     MeasuredRun,
     Quantiles,
+    notes,
     read_budget,
     stage_rows,
     verdicts,
@@ -116,6 +117,7 @@ def test_figures_are_strict_json_with_every_stage():
     assert figures["stages"]["all"]["max_ms"] is None  # some commands never came
     run.lose_command(slice(None))
     assert judged(run).figures()["slack_ms"] is None
+    assert "nan" not in " ".join(notes(judged(run)))
 
 
 @pytest.mark.slow  # draws figures
