@@ -126,7 +126,7 @@ class Film:
         )[0]  # fmt: skip
         self._draw_truck(flow, wake, sensor_names)
         self._jets = [(side, *self._jet(flow, side)) for side in (1, -1)]
-        self._texts = self._headline(flow)
+        self._texts = self._headline(flow, len(sensor_names))
         self._traces = self._draw_traces(1.0 - share)
 
     def record(self) -> None:
@@ -197,7 +197,9 @@ class Film:
             axes.add_patch(patch)
         return arrow, halo
 
-    def _headline(self, axes: Axes) -> dict[str, Any]:
+    def _headline(self, axes: Axes, sensors: int) -> dict[str, Any]:
+        counted = f"{sensors} wall-pressure sensor{'s' * (sensors != 1)}"
+
         def text(x: float, y: float, words: str, size: float, colour: str, **more: Any) -> Any:
             return axes.text(
                 x, y, words, transform=axes.transAxes, color=colour, fontsize=size * self._pt, zorder=9, **more
@@ -206,7 +208,7 @@ class Film:
         return {
             "state": text(0.022, 0.93, "", 21.0, PALE, weight="bold", va="top"),
             "clock": text(0.978, 0.93, "", 15.0, DIM, va="top", ha="right", family="monospace"),
-            "sensors": text(0.022, 0.07, "4 wall-pressure sensors", 13.0, "#7df9ff", va="bottom"),
+            "sensors": text(0.022, 0.07, counted, 13.0, "#7df9ff", va="bottom"),
         }
 
     def _draw_traces(self, top: float) -> dict[str, Any]:

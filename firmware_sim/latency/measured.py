@@ -238,7 +238,8 @@ def histogram_figure(runs: Sequence[MeasuredRun]) -> Figure:
         axes.set(ylabel="periods", yscale="log", xlim=(0.0, bins[-1]))
         axes.set_ylim(0.7, None)  # so that a bar of a single period is visible
         axes.grid(alpha=0.25)
-        axes.legend(fontsize=8, loc="upper right")
+        for text in axes.legend(fontsize=8, loc="upper right").get_texts():
+            text.set_parse_math(False)  # a bundle's name with two $ is no formula
     below.set_xlabel("ms")
     return figure
 
@@ -273,7 +274,8 @@ def notes(run: MeasuredRun) -> Iterator[str]:
     yield f"{run.about}; {periods} periods of {run.periods.period_ns / 1e6:g} ms, {run.periods.planned} with a plan."
     if periods < NEEDED_FOR_P99_9:
         yield f"p99.9 of fewer than {NEEDED_FOR_P99_9} periods is their maximum."
-    yield f"Slack, from the median to the end of the period: {run.slack_ns / 1e6:.2f} ms."
+    slack = f"{run.slack_ns / 1e6:.2f} ms" if isfinite(run.slack_ns) else "not known, because no command arrived"
+    yield f"Slack, from the median to the end of the period: {slack}."
     yield f"Privileges: {run.recorded.privileges}."
 
 

@@ -85,10 +85,11 @@ class LiveSession(NeverCopied):
         self._start(self._settings)
 
     def step(self) -> None:
-        """Run one control period; do nothing while the loop is paused. Raises StillwakeError if the flow diverges."""
-        if self._paused:
-            return
+        """Run one control period. A paused loop runs only a run's first period, because without this period a new
+        viewer would see no state and could not end the pause. Raises StillwakeError if the flow diverges."""
         run = self._run
+        if self._paused and run.latest is not None:
+            return
         if run.request.begins(run.k):
             self._settings = replace(self._settings, enable=True)
             self._settings_due = True

@@ -8,7 +8,6 @@ from typing import Annotated, Final
 import typer
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from rich.markup import escape
-from rich.table import Column
 
 from contract.atomic import replacing
 from contract.config.loading import Loaded
@@ -178,14 +177,14 @@ def inspect(
         if key_list.is_list(path):
             _show(*_opened_list(path, locate(path, trust)[1]))
         else:
-            print_table("image", _folded(""), rows=list(described(opened(*locate(path, trust))).items()))
+            print_table("image", "", rows=list(described(opened(*locate(path, trust))).items()))
         return
     if sbom is not None:
         check_apart(BUNDLE if path is None else path, sbom)
         check_output(sbom, overwrite=None)
     _verify(*locate(path, trust))
     release = open_release(path, trust)
-    print_table("bundle", _folded(""), rows=rows(release))
+    print_table("bundle", "", rows=rows(release))
     if sbom is not None:
         from export.release.sbom import release_bom
 
@@ -239,7 +238,7 @@ def diff(
     if not found:
         console.print("no difference")
         return
-    print_table("differs", _folded(str(a)), _folded(str(b)), rows=found)
+    print_table("differs", str(a), str(b), rows=found)
     raise typer.Exit(DIFFERENT)
 
 
@@ -282,11 +281,7 @@ def _show(listed: KeyList, root: PublicKey) -> None:
         for what, found in (("may sign", listed.keys), ("revoked", listed.revoked))
         for fingerprint in sorted(one.fingerprint for one in found)
     )
-    print_table(f"key list {listed.version}", _folded(f"signed by {root.fingerprint}"), rows=rows)
-
-
-def _folded(head: str) -> Column:
-    return Column(head, overflow="fold")
+    print_table(f"key list {listed.version}", f"signed by {root.fingerprint}", rows=rows)
 
 
 def rows(release: Bundle) -> list[tuple[str, str]]:

@@ -44,10 +44,13 @@ console = make_console()
 
 
 def print_table(*heads: str | Column, rows: Iterable[Iterable[str | Text]], **options: Any) -> None:
-    """Print rows of text below their headings; `options` are options of rich's `Table`."""
+    """Print rows of text below their headings; `options` are options of rich's `Table`. On a narrow terminal, words are
+    folded; rich would cut off their ends."""
     table = Table(*heads, **options)
     for row in rows:
         table.add_row(*row)
+    for column in table.columns:
+        column.overflow = "fold"
     console.print(table)
 
 

@@ -52,8 +52,11 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
   };
 
+  /** Longest time in which a released slider waits for its value from the loop, and does not show older values. */
+  const FOLLOWS_MS = 500;
+
   /**
-   * A slider for a number, sent when the viewer releases the slider; until then it does not show the loop's value.
+   * A slider for a number, sent when the viewer releases the slider; soon after that it shows the loop's value again.
    * `scale` has two functions: `to` maps a value to the slider's position, `from` maps a position to the value.
    */
   stillwake.Slider = class {
@@ -65,13 +68,25 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.output = make('output');
       this.element = block('slider', words, this.input, this.output);
       this.held = false;
+      // A slider that is moved back to where it was has no 'change', so the end of the pointer's press counts too.
+      const release = () => {
+        clearTimeout(this.following);
+        this.following = setTimeout(() => {
+          this.held = false;
+          this.show(this.latest);
+        }, FOLLOWS_MS);
+      };
       this.input.addEventListener('input', () => {
         this.held = true;
+        this.sent = null;
+        clearTimeout(this.following);
+        for (const end of ['pointerup', 'pointercancel']) addEventListener(end, release, {once: true});
         this.report(this.value);
       });
       this.input.addEventListener('change', () => {
-        this.held = false;
-        set(this.value);
+        this.sent = this.value;
+        release();
+        set(this.sent);
       });
     }
 
@@ -80,7 +95,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
 
     show(value) {
-      if (this.held) return;
+      this.latest = value;
+      if (this.held && value !== this.sent) return;
+      this.held = false;
       this.input.value = String(this.scale.to(value));
       this.report(value);
     }

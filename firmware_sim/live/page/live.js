@@ -86,7 +86,13 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
           height: innerWidth < 1700 ? 116 : innerWidth < 2200 ? 150 : 200,
         });
       }
-      this.controls = new stillwake.Controls(at('controls'), at('goal'), hello, (request) => this.ask(request));
+      // New controls would take the keyboard's focus away from a viewer who has started the plant again.
+      const {used, plants, controllers, sliders, weights, weight_slider: slider} = hello;
+      const offered = JSON.stringify([used, plants, controllers, sliders, weights, slider]);
+      if (offered !== this.offered) {
+        this.offered = offered;
+        this.controls = new stillwake.Controls(at('controls'), at('goal'), hello, (request) => this.ask(request));
+      }
       const {name, digest, precision, signer} = hello.bundle;
       const release = `Release ${name} (${precision}, ${digest}${signer ? '' : ', unsigned'})`;
       const plant = `${hello.plant}, Re = ${format.count(hello.reynolds)}`;

@@ -121,7 +121,8 @@ def _overview_figure(run: ReadRun) -> Figure:
         axis.set_axis_off()
     for axis, name, label in zip(axes[2:], ("Cd", "action"), ("$C_d$ (wall)", r"action / $U_\infty W$"), strict=True):
         axis.plot(t, s[name], color="black" if name == "Cd" else "tab:orange", linewidth=1.1)
-        axis.axvline(t[run.log.enabled_at], color="0.4", linewidth=1.0, linestyle=":")
+        if run.log.enabled_at < len(t):
+            axis.axvline(t[run.log.enabled_at], color="0.4", linewidth=1.0, linestyle=":")
         axis.set_ylabel(label)
         axis.grid(alpha=0.25)
     axes[-1].set_xlabel(r"$t U_\infty / W$   (dotted: control requested)")

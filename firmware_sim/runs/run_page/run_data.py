@@ -17,7 +17,7 @@ from firmware_sim.runs.statistics import NoAverages, averages, latency, planned_
 from firmware_sim.runs.wake_stills import WakeStills
 from wake.pictures.drawing import outline
 
-_SENSOR: Final = re.compile(r"^(\w+):(?:.*,)?sensor=([^,]+)")
+_SENSOR: Final = re.compile(r"^(\w+):(?:.*,)?sensor(s?)=([^,]+)")
 
 
 class Disturbed(NamedTuple):
@@ -28,10 +28,12 @@ class Disturbed(NamedTuple):
     after: int
 
     @property
-    def sensor(self) -> tuple[str, str] | None:
-        """Sensor and kind if the disturbance acts on one sensor; otherwise None."""
-        match = _SENSOR.match(self.what)
-        return None if match is None else (match[2], match[1])
+    def sensors(self) -> list[tuple[str, str]]:
+        """Each sensor that the disturbance names, with the disturbance's kind."""
+        if (match := _SENSOR.match(self.what)) is None:
+            return []
+        kind, several, text = match.groups()
+        return [(name, kind) for name in (text.split("+") if several else [text])]
 
 
 def disturbed(log: RunLog) -> Iterator[Disturbed]:
@@ -47,7 +49,7 @@ def disturbed(log: RunLog) -> Iterator[Disturbed]:
 def _period(log: RunLog, seconds: str) -> int | None:
     """Return the first period that starts at or after a time in s, given as text; None if the text is not a time."""
     try:
-        return max(0, int(-(-float(seconds) * 1e9 // log.metadata.config.period_ns)))
+        return max(0, -(-round(float(seconds) * 1e9) // log.metadata.config.period_ns))
     except (ValueError, OverflowError):
         return None
 
@@ -118,7 +120,7 @@ def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
         "columns": {column: _numbers(log.series[column]) for column in _COLUMNS},
         "spans": [[mode, first, after] for mode, first, after in mode_spans(log)],
         "events": [list(event) for event in events(log)],
-        "marks": [[*one.sensor, one.first, one.after] for one in disturbed(log) if one.sensor is not None],
+        "marks": [[*sensor, one.first, one.after] for one in disturbed(log) for sensor in one.sensors],
         "latency": _latency(log),
         "sensors": list(log.metadata.sensors),
         "wall": _numbers(log.series[WALL].T) if WALL in log.series else None,

@@ -145,7 +145,9 @@ def _draw(dataset: "Dataset", path: Path) -> None:
         places.plot(x[on_base], y[on_base], "s", label="on the base")
     if len(layout) <= 40:
         for name, at in zip(layout.names, layout.positions, strict=True):
-            places.annotate(name, (at[0], at[1]), xytext=(3, 3), textcoords="offset points", fontsize=7)
+            places.annotate(
+                name, (at[0], at[1]), xytext=(3, 3), textcoords="offset points", fontsize=7, parse_math=False
+            )
     places.set(xlabel="x / W", ylabel="y / W", aspect="equal", title=f"{len(layout)} sensors")
     places.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
     shown = slice(0, _STEPS)
@@ -153,7 +155,7 @@ def _draw(dataset: "Dataset", path: Path) -> None:
     for axis, name in zip(axes[1:], ("action", "Cd", "Cl"), strict=True):
         axis.plot(t, first.series[name][shown])
         axis.set_ylabel(name)
-    axes[1].set_title(f"episode {first.name}")
+    axes[1].set_title(f"episode {first.name}", parse_math=False)  # a name with two $ is no formula
     axes[-1].set_xlabel("t / t_c")
     with replacing(path) as temporary:
         figure.savefig(temporary, format="png", dpi=120)

@@ -15,6 +15,7 @@ from firmware_sim.latency.measured import (
     KeptLimit,
     MeasuredRun,
     Quantiles,
+    notes,
     read_budget,
     stage_rows,
     verdicts,
@@ -116,6 +117,7 @@ def test_figures_are_strict_json_with_every_stage():
     assert figures["stages"]["all"]["max_ms"] is None  # some commands never came
     run.lose_command(slice(None))
     assert judged(run).figures()["slack_ms"] is None
+    assert "nan" not in " ".join(notes(judged(run)))
 
 
 @pytest.mark.slow  # draws figures
@@ -123,7 +125,7 @@ def test_the_page_begins_with_the_verdict_and_has_its_picture(tmp_path):
     lost = Tables(50)
     for i in range(5, 50):
         lost.lose_command(i)
-    runs = [judged(with_two_misses(9.0)), judged(Tables(200), "c"), judged(lost, "lost")]
+    runs = [judged(with_two_misses(9.0)), judged(Tables(200), "c"), judged(lost, "lost $_$")]
     budget = {"misses_ours": 0, "plan.max_ms": 9.0}
     write_report(tmp_path, runs, [verdicts(budget, run.counts, run.latencies) for run in runs])
     page = (tmp_path / PAGE).read_text()

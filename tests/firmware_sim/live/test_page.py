@@ -165,8 +165,9 @@ def test_a_fault_shows_what_the_ecu_does_and_one_button_ends_it(live):
     live.page.locator("[data-request=power_cycle]").click()
     wait_for(live, ".event-list >> text=to BOOT")
     run = live.page.evaluate("stillwake.page.stream.hello.run")
-    live.page.locator("[data-request=restart]").click()
+    live.page.locator("[data-request=restart]").press("Enter")
     until(lambda: live.page.evaluate("stillwake.page.stream.hello.run") == run + 1)
+    assert live.page.evaluate("document.activeElement.dataset.request") == "restart"
     wait_for(live, "#headline .pill >> text=CONTROL")
 
 
@@ -207,6 +208,8 @@ def test_page_and_loop_mean_the_same_numbers(live):
     assert live.page.evaluate(read, list(raw)) == expected
     shaded = {Mode.CONTROL: "control", Mode.HOLD: "hold", Mode.DECAY: "hold", Mode.FAULT: "fault"}
     assert live.page.evaluate("stillwake.Curves.SHADED") == {str(int(mode)): kind for mode, kind in shaded.items()}
+    ticks = "step => stillwake.page.curves.drag.options().axes[1].values(null, [0.9, 0.9 + step], 1, 17, step)"
+    assert [live.page.evaluate(ticks, step) for step in (0.05, 0.025)] == [["0.90", "0.95"], ["0.900", "0.925"]]
     states = live.page.evaluate("stillwake.StateMachine.STATES")
     assert sorted(states) == sorted(["UNPOWERED", "BOOT", *OperatingMode.__members__])
     # What has another word on the wire, and so in a run's series.
@@ -226,3 +229,36 @@ def test_it_comes_back_when_its_connection_is_lost(live):
     live.page.evaluate("stillwake.page.stream.hello = null")
     wait_for(live, "body[data-connection=live] #headline .pill >> text=CONTROL")
     assert live.page.evaluate("stillwake.page.stream.hello.run") >= 1
+
+
+def test_a_state_that_passes_in_a_hidden_tab_does_not_stay_lit(live):
+    # A hidden tab gets no frames, but its timers go on.
+    live.page.evaluate("""async () => {
+        const [frame, waiting] = [globalThis.requestAnimationFrame, []];
+        globalThis.requestAnimationFrame = (draw) => waiting.push(draw);
+        stillwake.page.states.glow('UPDATE');
+        await new Promise((over) => setTimeout(over, 1600));
+        globalThis.requestAnimationFrame = frame;
+        waiting.forEach((draw) => frame(draw));
+    }""")
+    wait_for(live, ".states-drawing .passed[data-state=UPDATE]")
+    until(lambda: live.page.locator(".passed[data-state=UPDATE]").count() == 0)
+
+
+def test_a_slider_takes_every_key_and_follows_the_loop_once_it_is_released(live):
+    slider = live.page.locator("[data-setting=noise]")
+    for _ in range(6):
+        slider.press("ArrowRight")
+    until(lambda: live.page.evaluate("stillwake.page.settings.noise") == 0.3)
+    ask(live, clear=True)
+    until(lambda: slider.input_value() == "0")
+    slider.scroll_into_view_if_needed()
+    box = slider.bounding_box()
+    x, y = box["x"] + 2, box["y"] + box["height"] / 2
+    live.page.mouse.move(x + 6, y)
+    live.page.mouse.down()
+    for to in (x + 80, x):
+        live.page.mouse.move(to, y, steps=5)
+    live.page.mouse.up()
+    ask(live, set={"noise": 0.5})
+    until(lambda: slider.input_value() == "0.5")

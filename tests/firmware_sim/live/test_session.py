@@ -267,6 +267,12 @@ def test_paused_it_stands_still_and_still_takes_settings(live):
     live.ask(pause=False)
     live.run(5)
     assert (len(live.rows["k"]), live.heard["now"]["paused"]) == (20, False)
+    # Of a run that begins in a pause, every viewer learns that it is paused.
+    live.ask(pause=True)
+    live.ask(restart=True)
+    live.run(5)
+    assert live.rows["k"][20:] == [0]
+    assert (live.heard["now"]["run"], live.heard["now"]["paused"]) == (2, True)
 
 
 _JSON = st.recursive(

@@ -1,7 +1,7 @@
 """`stillwake dataset`: a user's own files, from the command line; one line and status 1 for what is wrong."""
 
 import tomllib
-from dataclasses import astuple
+from dataclasses import astuple, replace
 
 import h5py
 import pytest
@@ -10,7 +10,7 @@ import xarray
 from contract.config.loading import load_config
 from contract.recording import dataset
 from contract.recording.findings import findings
-from stillwake.commands.dataset.inspecting import episodes_table
+from stillwake.commands.dataset.inspecting import _draw, episodes_table
 from tests import foreign_plant
 from tests.contract.recording.test_summary import data, wave
 from tests.foreign_plant import LIMIT, NAMES, PERIOD
@@ -59,6 +59,9 @@ def test_an_imported_data_set_is_shown_is_fit_and_its_settings_fit_it(run, made,
     assert read.layout.names == NAMES
     status, output, _ = run("inspect", made, "--picture", tmp_path / "a.png")
     assert (status, (tmp_path / "a.png").read_bytes()[:4]) == (0, b"\x89PNG")
+    # Not one of matplotlib's formulas.
+    named = replace(read.episodes[0], name="from $3 V_$5 V")
+    _draw(replace(read, episodes=(named,)), tmp_path / "b.png")
     facts = ("sweep", "held out", "lid-left", "control period 0.3", "reynolds not known", "without mirror images")
     assert [word for word in (*facts, "fit for training and export") if word not in output] == []
     # The hint has a redirection, which must not replace a file of the user.

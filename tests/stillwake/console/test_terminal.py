@@ -7,8 +7,9 @@ import pytest
 from rich.console import Console
 from rich.progress import Progress
 
+from stillwake.console import terminal as module
 from stillwake.console.progress import ProgressBar, ProgressLines, progress, span
-from stillwake.console.terminal import PlainConsole, make_console, visible
+from stillwake.console.terminal import PlainConsole, make_console, print_table, visible
 
 RUN_NOTE = "CONTROL  Cd 1.031  base Cp -0.512  action +0.0123  step 12.3 ms"
 TRAIN_NOTE = "total 0.4317  prediction 0.2416  force 0.1201  variance 0.9000  covariance 0.0312"
@@ -40,6 +41,15 @@ def log() -> Console:
 def text(console: Console) -> str:
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue()
+
+
+def test_a_narrow_table_keeps_long_words_whole(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
+    monkeypatch.setattr(module, "console", make_console())
+    word = "bias:sensor=a_long_name_at_the_base_of_the_trailer,level=0.5@2.14..3"
+    print_table("quantity", "value", rows=[("disturbance", word)])
+    cells = [line.split("│")[2].strip() for line in capsys.readouterr().out.splitlines() if "│" in line]
+    assert "".join(cells) == word
 
 
 def test_bar_count_and_time_left_stay_and_the_note_gives_way():

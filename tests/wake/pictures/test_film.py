@@ -38,6 +38,7 @@ def count(pixels: npt.NDArray[np.uint8], colour: str) -> int:
 def test_a_film_shows_when_control_begins_and_the_drag_of_a_cycle_under_it(wake):
     played = Played(wake)
     film = Film(played, Story(begin=0.0, end=20.0, control=10.0, drag_before=1.0), ("base_0",), 960)
+    assert "1 wall-pressure sensor" in [text.get_text() for text in film.figure.axes[0].texts]
     shown, lit = [], []
     for t in np.arange(0.0, 18.01, 0.5):
         # Without control 1.3, which must not count; then 0.9 for 5 t_c, and 0.7.

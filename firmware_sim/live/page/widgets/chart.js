@@ -90,7 +90,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     options() {
       const {series, height, sync, x, digits} = this.what;
       const times = (t) => format.short(t);
-      const levels = (y) => format.number(y, digits);
+      // Between multiples of 0.05 or 0.1 the usual decimals are enough, but not between multiples of 0.025.
+      const decimals = (step) => Math.max(digits, (String(step).split('.')[1] ?? '').length);
+      const levels = (ticks, step) => ticks.map((y) => format.number(y, decimals(step)));
       const axis = {
         stroke: () => stillwake.colour('--dim'),
         font: FONT,
@@ -108,7 +110,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
         },
         axes: [
           {...axis, size: x ? 24 : 0, gap: 3, space: 60, values: (_, ticks) => (x ? ticks.map(times) : [])},
-          {...axis, size: 46, gap: 4, space: 17, values: (_, ticks) => ticks.map(levels)},
+          {...axis, size: 46, gap: 4, space: 17, values: (_, ticks, place, space, step) => levels(ticks, step)},
         ],
         series: [
           {},

@@ -92,9 +92,12 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     glow(state) {
       for (const element of this.boxes.get(state) || []) {
         element.classList.remove('passed');
-        requestAnimationFrame(() => element.classList.add('passed'));
-        clearTimeout(element.passing);
-        element.passing = setTimeout(() => element.classList.remove('passed'), AFTERGLOW_MS);
+        // In a hidden tab no frame comes, but time passes; so the time begins with the frame.
+        requestAnimationFrame(() => {
+          element.classList.add('passed');
+          clearTimeout(element.passing);
+          element.passing = setTimeout(() => element.classList.remove('passed'), AFTERGLOW_MS);
+        });
       }
     }
 

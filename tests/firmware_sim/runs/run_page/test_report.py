@@ -14,7 +14,7 @@ from PIL import Image
 from can_bridge.wire.messages import Mode, Reason
 from contract.errors import StillwakeError
 from firmware_sim.runs import run_log
-from firmware_sim.runs.metadata import InjectedFault
+from firmware_sim.runs.metadata import InjectedFault, RunEcu
 from firmware_sim.runs.run_log import RunFolder
 from firmware_sim.runs.run_page import run_data as listing
 from firmware_sim.runs.run_page.report import differing, figure_rows, names_of, write_picture, write_report
@@ -76,6 +76,18 @@ def test_a_faulted_run_has_a_red_box_before_anything_else_and_one_without_a_plan
 
 
 @pytest.mark.slow  # draws pages
+def test_a_page_states_the_times_that_its_run_had(shedding, folder):
+    log = shedding(ecu=RunEcu.of("mcu", 480.0, [10_000_000]))
+    usual = "a control step takes 8 ms on any"
+    assert usual in " ".join(write_report(folder).read_text(encoding="utf-8").split())
+    config = replace(log.metadata.config, bus=replace(log.metadata.config.bus, frames="classic"))
+    run_log.save(folder.series, replace(log, metadata=replace(log.metadata, config=config)))
+    page = " ".join(write_report(folder).read_text(encoding="utf-8").split())
+    assert usual not in page
+    assert "takes the core's modelled cycles; frame times follow from the bits at 500 kbit/s.</p>" in page
+
+
+@pytest.mark.slow  # draws pages
 def test_a_picture_names_its_bundle_and_one_of_another_kind_is_refused(folder, tmp_path):
     for kind, start in (("png", b"\x89PNG"), ("pdf", b"%PDF")):
         write_picture(folder, tmp_path / f"run.{kind}")
@@ -84,6 +96,9 @@ def test_a_picture_names_its_bundle_and_one_of_another_kind_is_refused(folder, t
         assert image.info["Description"] == "stillwake bundle " + "0123456789abcdef" * 4
     with pytest.raises(StillwakeError, match=r"x\.xyz: must be a file ending in \.png, \.pdf, \.svg"):
         write_picture(folder, tmp_path / "x.xyz")
+    log = run_log.load(folder.series)
+    run_log.save(folder.series, replace(log, enabled_at=len(log.series["t"])))
+    write_picture(folder, tmp_path / "unrequested.svg")
     folder.controlled_picture.unlink()
     with pytest.raises(StillwakeError, match=r"vorticity_controlled\.png: No such file"):
         write_report(folder)
@@ -138,14 +153,16 @@ def test_request_states_and_disturbances_are_listed_in_order(shedding):
 
 def test_the_sensor_and_the_time_of_a_disturbance_are_known(shedding):
     for text, expected in {
-        "dead:sensor=base_7@1.25..1.3": (("base_7", "dead"), 63, 65),
-        "bias:level=2,sensor=upper_39": (("upper_39", "bias"), 0, 160),
-        "swap:first=a,second=b@1..": (None, 50, 160),
+        "dead:sensor=base_7@1.25..1.3": ([("base_7", "dead")], 63, 65),
+        "bias:level=2,sensor=upper_39": ([("upper_39", "bias")], 0, 160),
+        # In doubles, 2.14 s are more than 107 periods of 20 ms.
+        "dead:sensor=base_7@2.14..2.3": ([("base_7", "dead")], 107, 115),
+        "swap:sensors=a+b@1..": ([("a", "swap"), ("b", "swap")], 50, 160),
         # At no time: it begins with the run.
-        "reset@x..nan": (None, 0, 160),
+        "reset@x..nan": ([], 0, 160),
     }.items():
         (one,) = disturbed(shedding(faults=(InjectedFault(text=text, acted=1),)))
-        assert (one.sensor, one.first, one.after) == expected, text
+        assert (one.sensors, one.first, one.after) == expected, text
 
 
 def test_a_loop_that_flaps_ends_in_a_count(shedding, monkeypatch):
