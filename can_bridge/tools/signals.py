@@ -158,16 +158,18 @@ def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
 
     signals = {one.name: one for one in message.signals}
     known = [signal for signal in signals if signal not in PROTECTION]
-    values: dict[str, float | str] = dict.fromkeys(signals, 0)
+    given: dict[str, float | str] = {}
     for text in assignments:
         signal, equals, value = text.partition("=")
         if signal in PROTECTION:
             raise BusError(f"{text}: {signal} is filled in by the sender; --counter sets the first counter")
         if not equals or signal not in known:
             raise BusError(f"{text}: must be SIGNAL=VALUE; signals: {', '.join(known)}")
-        values[signal] = _value(text, signals[signal], value)
+        if signal in given:
+            raise BusError(f"{text}: {signal} is given twice")
+        given[signal] = _value(text, signals[signal], value)
     try:
-        data = message.encode(values, strict=True)
+        data = message.encode({**dict.fromkeys(signals, 0), **given}, strict=True)
     except (EncodeError, ValueError, OverflowError) as error:
         raise BusError(f"{name} cannot be sent: {error}") from error
     spec = _SPECS[name]

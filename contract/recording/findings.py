@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from shlex import quote
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -88,7 +89,8 @@ def refuse_unfit(found: Sequence[Finding], name: str) -> None:
     """Raise DatasetError if a finding prevents training; the message has the first such finding."""
     stopping = [item.text for item in found if item.stops == "training"]
     if stopping:
-        others = f" (and {len(stopping) - 1} more: see `stillwake dataset inspect {name}` with the same settings)"
+        command = f"`stillwake dataset inspect {quote(name)}`"
+        others = f" (and {len(stopping) - 1} more: see {command} with the same settings)"
         raise DatasetError(f"{name}: {stopping[0]}{others if len(stopping) > 1 else ''}")
 
 

@@ -276,7 +276,7 @@ def notes(run: MeasuredRun) -> Iterator[str]:
         yield f"p99.9 of fewer than {NEEDED_FOR_P99_9} periods is their maximum."
     slack = f"{run.slack_ns / 1e6:.2f} ms" if isfinite(run.slack_ns) else "not known, because no command arrived"
     yield f"Slack, from the median to the end of the period: {slack}."
-    yield f"Privileges: {run.recorded.privileges}."
+    yield f"Privileges of the idle loop: {run.recorded.privileges}."
 
 
 def budget_rows(verdicts: Sequence[KeptLimit]) -> Iterator[tuple[str, ...]]:

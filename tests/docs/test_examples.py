@@ -1,5 +1,6 @@
 """The Python examples of the pages run as they stand."""
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -7,12 +8,13 @@ import can
 import numpy as np
 
 from can_bridge.secoc.key import write_key
+from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.recording.importing.forces import read_forces
 from contract.release import bundle
 from contract.shipped import BUNDLE
-from tests.docs.blocks.pages import python
+from tests.docs.blocks.pages import ROOT, python
 
 
 def test_the_loop_around_the_onnx_graph_commands_within_the_limit():
@@ -30,6 +32,9 @@ def test_the_loop_around_the_onnx_graph_commands_within_the_limit():
     assert commanded[:31] == [0.0] * 31
     assert np.std(commanded[31:]) > 0.01
     assert np.abs(commanded).max() <= 0.075 * (1 + 1e-6)
+    # The page takes the order of the input `weights` from this table.
+    order = ", ".join(f"`{item.name}`" for item in fields(CostWeights))
+    assert f"| {order} |" in (ROOT / "docs/how-to/calibrate.md").read_text(encoding="utf-8")
 
 
 def test_the_conversion_of_a_rig_s_numbers_gives_coefficients(tmp_path, monkeypatch):

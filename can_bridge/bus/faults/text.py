@@ -52,7 +52,10 @@ def parse_described(text: str, kinds: Mapping[str, type[S]], noun: str) -> S:
     for item in filter(None, parameters.split(",")):
         key, equals, value = (part.strip() for part in item.partition("="))
         if key not in known or not equals:
-            raise ConfigError(f"{described}: {item!r} must be NAME=VALUE with a name of {', '.join(known)}")
+            wording = f"NAME=VALUE with a name of {', '.join(known)}" if known else "left out"
+            raise ConfigError(f"{described}: {item!r} must be {wording}")
+        if key in values:
+            raise ConfigError(f"{described}: {key} is given twice")
         try:
             values[key] = _value(value, hints[key])
         except ValueError:

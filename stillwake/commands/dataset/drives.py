@@ -70,6 +70,8 @@ def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
             raise DatasetError(f"--forces {text}: {labels[label]} has forces already")
         else:
             found[labels[label]] = Path(text[len(label) + 1 :])
+    if wrong := [text for text in map(str, general) if "=" in text and not Path(text).exists()]:
+        raise DatasetError(f"--forces {wrong[0]}: no such file, nor LOG=FILE with a LOG of {', '.join(map(str, logs))}")
     if len(general) > 1:
         raise DatasetError(
             f"--forces {general[1]}: is the second file; for several files, write LOG=FILE, where LOG is one of "

@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Final, cast
 
 import typer
@@ -123,7 +124,7 @@ def import_(
     made = _assembled(roles, reader, drives.forces_of(logs, forces), renamed, notes)
     write(output, made)
     _print(made, notes)
-    console.print(f"wrote {output}; next: stillwake dataset inspect {output}")
+    console.print(f"wrote {output}; next: stillwake dataset inspect {quote(str(output))}")
 
 
 def roles_of(texts: list[str]) -> "list[tuple[Path, Role]]":

@@ -1,6 +1,7 @@
 """The command `stillwake dataset inspect`, and the contents of a data set as text and as a picture."""
 
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Final
 
 import numpy as np
@@ -88,11 +89,12 @@ def _findings(file: Path, data_set: "Dataset", loaded: Loaded) -> list[tuple[str
 
 def _needs_settings(file: Path) -> str:
     kept = file.with_suffix(".toml")
+    data, toml = quote(str(file)), quote(str(kept))
     differ = "control period, action limit or Reynolds number differ from the release"
     if kept.exists():
-        return f"{differ}: inspect and train with --set {kept}, if this file fits the data set"
-    keep = f"`stillwake dataset inspect {file} --settings > {kept}`"
-    return f"{differ}: write the settings that fit with {keep}, and train with --set {kept}"
+        return f"{differ}: inspect and train with --set {toml}, if this file fits the data set"
+    keep = f"`stillwake dataset inspect {data} --settings > {toml}`"
+    return f"{differ}: write the settings that fit with {keep}, and train with --set {toml}"
 
 
 def episodes_table(found: "Dataset") -> Table:

@@ -106,3 +106,5 @@ def test_refused_in_one_line():
         with refused(BusError, words) as caught:
             encode(name, [assignment] if assignment else [])
         assert "\n" not in str(caught.value), (name, assignment, words)
+    with refused(BusError, "Age=2: Age is given twice"):
+        encode("Pressure", ["Age=1", "Age=2"])

@@ -52,6 +52,8 @@ def test_each_is_read_from_its_text_and_what_makes_no_sense_or_could_not_act_is_
         ("swap:sensors=base_7+base_7", r"swap\.sensors = \('base_7', 'base_7'\): must be two different sensors"),
         ("wire_errors:bit_error_rate=2", r"bit_error_rate = 2\.0: must be in \[0, 1\]"),
         ("wire_errors:bit_error_rate=1,node=both", "node = 'both' must be all or vehicle or ecu"),
+        ("noise:level=0.5,level=1", "level is given twice"),
+        ("no_speed=1", "'no_speed=1' must be left out"),
         ("reset@1..2", r"'1\.\.2' must be a time in seconds"),
         ("body:length=1@2..", r"body\.start_s = 2\.0: must be left out, like the end: a body stays"),
         ("body:length=20", r"body\.length = 20\.0: must be in 0\.5\.\.15"),

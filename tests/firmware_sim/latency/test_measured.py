@@ -118,6 +118,7 @@ def test_figures_are_strict_json_with_every_stage():
     run.lose_command(slice(None))
     assert judged(run).figures()["slack_ms"] is None
     assert "nan" not in " ".join(notes(judged(run)))
+    assert "Privileges of the idle loop: memory locked." in notes(judged(run))
 
 
 @pytest.mark.slow  # draws figures

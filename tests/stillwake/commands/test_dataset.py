@@ -2,6 +2,7 @@
 
 import tomllib
 from dataclasses import astuple, replace
+from pathlib import Path
 
 import h5py
 import pytest
@@ -10,7 +11,7 @@ import xarray
 from contract.config.loading import load_config
 from contract.recording import dataset
 from contract.recording.findings import findings
-from stillwake.commands.dataset.inspecting import _draw, episodes_table
+from stillwake.commands.dataset.inspecting import _draw, _needs_settings, episodes_table
 from tests import foreign_plant
 from tests.contract.recording.test_summary import data, wave
 from tests.foreign_plant import LIMIT, NAMES, PERIOD
@@ -67,6 +68,7 @@ def test_an_imported_data_set_is_shown_is_fit_and_its_settings_fit_it(run, made,
     # The hint has a redirection, which must not replace a file of the user.
     kept = made.with_suffix(".toml")
     assert f"--settings > {kept}" in output
+    assert "inspect 'a b.h5' --settings > 'a b.toml'`" in _needs_settings(Path("a b.h5"))
     kept.write_text("[mpc]\nhorizon = 20\n")
     output = run("inspect", made)[1]
     assert f"inspect and train with --set {kept}" in output and ">" not in output

@@ -141,6 +141,7 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused, place):
             "--forces a.csv --forces b.csv": "--forces b.csv: is the second file; for several files, write LOG=",
             "--forces drive.log=forces.csv --forces drive.log=b.csv": "drive.log has forces already",
             "--forces missing.csv": "missing.csv: no such file",
+            "--forces dive.log=forces.csv": "no such file, nor LOG=FILE with a LOG of drive.log",
             "--forces drive.log": "drive.log: a table of forces must end in",
             "--forces bare.csv": "state with --forces-clock how its times count",
             "--forces forces.csv --forces-clock log": "the forces must cover these rows",

@@ -38,6 +38,7 @@ def test_what_is_no_fault_is_refused_with_the_remedy():
         ("drop:rate=1", r"'rate=1' must be NAME=VALUE with a name of frame_ids, at, probability"),
         ("drop:probability", r"'probability' must be NAME=VALUE"),
         ("drop:start_s=1,probability=1", r"'start_s=1' must be NAME=VALUE"),
+        ("drop:probability=0.1,probability=1", r"probability is given twice$"),
         ("drop:probability=much", r"probability = 'much' must be a number"),
         ("flip_bits:bits=1.5", r"bits = '1\.5' must be a whole number"),
         ("flip_bits:before_crc=yes", r"before_crc = 'yes' must be true or false"),
