@@ -28,6 +28,9 @@ def select_by_forces(rows: Rows, count: int) -> tuple[int, ...]:
 
 def main(path: str, count: int) -> None:
     dataset = read(Path(path))
+    most = len(dataset.layout.names)
+    if not 1 <= count <= most:
+        raise typer.BadParameter(f"COUNT = {count}: must be from 1 to {most}, the number of sensors")
     episodes = dataset.with_role("train")
     scaling = fit_scaling(episodes, dataset.layout)
     rows = prepare(episodes, scaling, mirrored=dataset.layout.mirror is not None, layout=dataset.layout)

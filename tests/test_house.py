@@ -20,7 +20,7 @@ MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
     "source": 60_104, "benchmarks": 4_692, "tests": 52_071, "own C": 15_652, "JavaScript": 2_774, "docs": 2_271,
-    "examples": 2_017,
+    "examples": 2_020,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""
 MOST_WORDS = 63_981
