@@ -67,9 +67,7 @@ def refine(
         own = replace(own, mpc=mpc)
     config = settings("refine", given, uses=USES, base=own).config
     if (config.body, config.flow) != (own.body, own.flow):
-        raise ConfigError(
-            f"--set: body or flow differ from the model {folder_read}: name a model for them with --model"
-        )
+        raise ConfigError(f"--set: body or flow differ from the model {folder_read}: name their model with --model")
 
     from stillwake.parts.differentiable_wake import differentiable_wake, wake_of
     from train.refinement.refine import side_by_side
