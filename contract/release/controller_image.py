@@ -170,7 +170,7 @@ def read(image: bytes) -> ControllerImage:
 
 
 def name_bytes(what: str, text: str) -> bytes:
-    """Return a name as in the header. Raises BundleContainerError if the header has no space for the name."""
+    """Return a name as the header stores it. Raises BundleContainerError for a name that it cannot store."""
     raw = text.encode(errors="surrogatepass")
     if not _is_name(raw):
         raise BundleContainerError(f"image: {what} {quoted(text)}: must be 1 to {_MAX_NAME} printable ASCII characters")
