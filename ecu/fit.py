@@ -8,6 +8,7 @@ from can_bridge.wire.messages import SENSORS
 from contract.arrays import Array
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig
 from contract.errors import BundleError, ConfigError
 from contract.release.checks import Bundle
 from contract.release.manifest import Manifest
@@ -32,11 +33,14 @@ def check_vehicle(bundle: Bundle, config: Config) -> None:
     )
     _check_equal(bundle, "operating point", *points, owner="vehicle")
     check_flow(bundle, config.flow, owner="vehicle")
-    if len(manifest.sensors) != SENSORS:
-        raise BundleError(
-            f"bundle {manifest.name!r} has {len(manifest.sensors)} sensors: the Pressure message carries {SENSORS}"
-        )
-    ecu, horizon = config.ecu, manifest.mpc.horizon
+    check_ecu(f"bundle {manifest.name!r}", len(manifest.sensors), manifest.mpc.horizon, config.ecu)
+
+
+def check_ecu(owner: str, sensors: int, horizon: int, ecu: EcuConfig) -> None:
+    """Raise BundleError if `owner`, a model or a release, has too few or too many sensors for the bus, or if its
+    horizon is too short for the delay of the actuator."""
+    if sensors != SENSORS:
+        raise BundleError(f"{owner} has {sensors} sensors: the Pressure message carries {SENSORS}")
     if ecu.frozen_actions >= horizon:
         most, ahead = horizon - 1 - ecu.plan_ahead, ", with ecu.plan_ahead" if ecu.plan_ahead else ""
         raise BundleError(

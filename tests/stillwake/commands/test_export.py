@@ -108,7 +108,10 @@ def test_a_bundle_of_another_model_or_program_has_no_library(tmp_path, monkeypat
 def test_a_setting_that_c_cannot_do_for_this_release_ends_it_before_the_work(cli, tmp_path):
     done = cli("export", "--c", tmp_path / "c", "--set", "ecu.delay_steps=99")
     assert (done.code, done.err.count("\n")) == (1, 1) and "ecu.delay_steps = 99: must be at most" in done.err
-    assert not (tmp_path / "c").exists()
+    bundle, testers = tmp_path / "b", tmp_path / "d"
+    done = cli("export", shipped.model(), bundle, "--for-testers", testers, "--set", "ecu.delay_steps=99")
+    assert done.code == 1 and "ecu.delay_steps = 99: must be at most" in done.err
+    assert not list(tmp_path.iterdir())
 
 
 def test_without_the_data_a_line_says_how_to_get_them(tmp_path, monkeypatch):
