@@ -109,9 +109,14 @@ def _release(bundle: Bundle) -> Component:
     return _part(ComponentType.FIRMWARE, manifest.name, ref=f"release {manifest.name}", **more)
 
 
+def bill_beside(of: Path) -> Path:
+    """Return the path of the bill of the file or folder `of`."""
+    return of.with_name(f"{of.name}.cdx.json")
+
+
 def write_bom(of: Path, content: bytes) -> Path:
     """Write a bill next to the file or folder `of`. Raises StillwakeError if the bill cannot be written."""
-    path = of.with_name(f"{of.name}.cdx.json")
+    path = bill_beside(of)
     with replacing(path) as temporary:
         temporary.write_bytes(content)
     return path

@@ -89,6 +89,7 @@ def sign(path: Annotated[Path, typer.Argument(help="Bundle directory.")], key: s
 
     signed = bundles.sign(path, signing.read_private_key(key), judge)
     console.print(*describe(signed), sep="\n")
+    _renew_bill(path, signed)
 
 
 @bundle.command()
@@ -141,6 +142,15 @@ def renew(
         )
     console.print(*describe(renewed), sep="\n")
     console.print(f"wrote {output}")
+    _renew_bill(output, renewed)
+
+
+def _renew_bill(path: Path, release: Bundle) -> None:
+    """Write the bill of materials beside a bundle again if `export` wrote one, because it states digest and signer."""
+    from export.release.sbom import bill_beside, release_bom, write_bom
+
+    if bill_beside(path).exists():
+        console.print(f"wrote {write_bom(path, release_bom(release, read_files(path)))}")
 
 
 def _speeds(text: str) -> SpeedRange:

@@ -11,6 +11,7 @@ from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 from contract.release import key_list, signing
 from contract.release.checks import CONTROLLER, SIGNATURE
 from contract.release.manifest import MANIFEST
+from contract.release.signing import read_public_key
 from stillwake.console.terminal import console
 from tests.contract.release.resealing import resealed
 
@@ -51,7 +52,10 @@ def test_a_bundle_verifies_against_the_key_that_signed_it_last(cli, signed, keys
     assert f"by the trusted key {signing.project_key().fingerprint}" in ours.out
     assert "checks failed: manifest.sig" in cli("bundle", "inspect", signed, "--trust", "project").err
     assert cli("bundle", "inspect", signed, "--trust", public_key_file).code == 0
+    bill = signed.with_name(f"{signed.name}.cdx.json")
+    bill.write_text("of the old signer")
     assert cli("bundle", "sign", signed, "--key", keys).code == 0
+    assert read_public_key(keys.with_name("release.pub")).fingerprint in bill.read_text()
     assert cli("bundle", "inspect", signed, "--trust", keys.with_name("release.pub")).code == 0
     assert cli("bundle", "inspect", signed, "--trust", public_key_file).code == 1
     # What is altered is not signed.
