@@ -59,8 +59,8 @@ class Criteria:
         for name in ("useful", "marginal", "abs_Cl"):
             if not isfinite(value := getattr(self, name)):
                 raise ConfigError(f"{name} = {value}: must be a finite number")
-        if not self.marginal <= self.useful:
-            raise ConfigError(f"useful = {self.useful:g}: must be at least marginal, {self.marginal:g}")
+        if not self.marginal <= self.useful <= 1:
+            raise ConfigError(f"useful = {self.useful:g}: must be a share from marginal, {self.marginal:g}, to 1")
         if self.abs_Cl <= 0:
             raise ConfigError(f"abs_Cl = {self.abs_Cl:g}: must be positive")
 
