@@ -81,7 +81,11 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
         ]
         for (env, _), taken in zip(moving, self._begun(lambda env, action: env.env.step(action), moving), strict=True):
             cast(_Ahead, env).taken = taken
-        found: tuple[Any, ...] = super().step(actions)
+        try:
+            found: tuple[Any, ...] = super().step(actions)
+        finally:  # After an error, results that were not taken must not hinder a copy.
+            for env in self.envs:
+                cast(_Ahead, env).taken = None
         return found
 
     def at_once(self, work: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[T]:

@@ -91,6 +91,7 @@ def test_an_error_of_one_wake_ends_the_step_and_a_reset_mends_it(env):
     first, _ = env.reset(seed=1)
     with pytest.raises(PlantError, match="action nan"):
         env.step(np.array([[0.0], [np.nan], [0.0]], np.float32))
+    copy.deepcopy(env)
     np.testing.assert_array_equal(env.reset(seed=1)[0], first)
     taken = actions(1)[0]
     expected, *_ = env.step(taken)

@@ -72,8 +72,11 @@ class Tape(CopiedWhole):
 
     def advance(self, action: float) -> Sample:
         """Advance the plant by a period, as `TruckWake.advance` does, and store the data that `back` needs. Raises
-        PlantError as the plant does, or if the tape becomes too long for its memory."""
+        PlantError as the plant does, if the tape becomes too long for its memory, or if the plant is no longer where
+        the tape ends: after `back`, `restart` begins the next window."""
         plant, substeps = self._plant, self._plant.config.substeps
+        if not np.array_equal(self._end, plant.flow.flat):
+            raise PlantError("the plant is not at the end of the tape: call `restart` before the next window")
         flow_mb = self._end.nbytes / _MEGABYTE
         self._make_room(flow_mb, substeps)
         period = _Period(

@@ -107,6 +107,10 @@ def test_a_tape_ends_before_its_memory_does_and_starts_again(plant):
     tape.restart()
     with pytest.raises(PlantError, match="no period is left"):
         tape.back(no_weights(len(plant.layout)))
+    tape.advance(0.0)
+    tape.back(no_weights(len(plant.layout)))
+    with pytest.raises(PlantError, match="not at the end of the tape: call `restart`"):
+        tape.advance(0.0)
     plant.reset(start)
 
 
