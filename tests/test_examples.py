@@ -1,6 +1,7 @@
 import csv
 import runpy
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,11 @@ def test_a_recording_as_csv_is_what_another_solver_would_give(tmp_path, capsys):
     for name in ("t", "action", "Cd", "Cl"):
         assert [float(row[name]) for row in rows] == stored[name].tolist()
     assert [float(row["base_3"]) for row in rows] == stored["Cp"][:, layout.names.index("base_3")].tolist()
+    few = replace(layout, names=layout.names[:4], positions=layout.positions[:4], base=layout.base[:0], mirror=None)
+    own = replace(episode, series=series | {"Cp": series["Cp"][:, :4]})
+    write(tmp_path / "own.h5", Dataset(episodes=(own,), layout=few))
+    as_csv["main"](tmp_path / "own.h5", tmp_path / "own")
+    assert (tmp_path / "own" / "sensors.csv").read_text().count("\n") == 5
 
 
 def test_the_squares_settings_are_a_square_whose_time_step_holds():

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 from rich import print
 
-from contract.config.body import BodyConfig, layout_of
 from contract.recording.dataset import Episode, read
 from contract.sensor_layout import SensorLayout
 
@@ -49,14 +48,12 @@ def _write(path: Path, heads: Sequence[str], rows: Iterable[Sequence[object]]) -
 
 def main(recording: Path, folder: Path) -> None:
     """Write the files of one recording."""
-    episodes = read(recording).episodes
-    # A recording that states no body is old, and its body is the truck.
-    layout = layout_of(BodyConfig(**episodes[0].provenance.get("body", {})))
+    dataset = read(recording)
     folder.mkdir(parents=True, exist_ok=True)
-    write_sensors(folder / "sensors.csv", layout)
-    for episode in episodes:
+    write_sensors(folder / "sensors.csv", dataset.layout)
+    for episode in dataset.episodes:
         path = folder / f"{episode.role}_{episode.name}.csv"
-        write_episode(path, episode, layout)
+        write_episode(path, episode, dataset.layout)
         print(f"wrote {path}: {len(episode)} control steps")
 
 
