@@ -124,7 +124,7 @@ def _disagreements(dataset: Dataset, config: Config) -> Iterator[str]:
 def _missing_roles(dataset: Dataset) -> Iterator[str]:
     for role, use in (("train", "to fit the model to"), ("test", "to judge the model on")):
         if not _of_role(dataset, role):
-            remedy = f"import an episode with --{role} FILE; a long file can be cut in two"
+            remedy = f"import an episode with {role}=FILE; a long file can be cut in two"
             yield f"dataset has no episode with role {role!r}, {use}: {remedy}"
 
 

@@ -115,7 +115,7 @@ def test_a_constant_signal_is_named(sound):
 def test_what_is_missing_for_training_is_named(sound):
     for role, index in (("train", slice(2, 3)), ("test", slice(0, 2))):
         (text, *_) = texts(replace(sound, episodes=sound.episodes[index]))
-        assert text.startswith(f"dataset has no episode with role '{role}'")
+        assert text.startswith(f"dataset has no episode with role '{role}'") and f"with {role}=FILE; a" in text
     # Too few windows or sensors for the selection are named.
     shap = replace(CONFIG, train=replace(CONFIG.train, shap_explained=5000))
     # 120 - 11 and 80 - 11 windows, without mirror images.
