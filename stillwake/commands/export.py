@@ -117,6 +117,7 @@ def export(
             files.write_for_testers(open_release(model), settings("export", given, uses=USES_FOR_TESTERS).config)
         return
     assert model is not None
+    check_apart(model, output)
     config = _settings(model, given, uses=(*USES, *USES_IN_C) if files.any_given else USES)
     check_output(output, overwrite=overwrite, folder=True, occupant=_description(output))
     check_output(output.with_name(f"{output.name}.cdx.json"), overwrite=overwrite)

@@ -55,6 +55,8 @@ def refine(
     check_apart(output, json_file)
     check_json(json_file)
     folder_read = shipped_model() if model is None else model
+    if not (output.exists() and output.samefile(folder_read)):
+        check_apart(folder_read, output)
     trained = model_store.load(folder_read)
     if dataset is not None and sha256(dataset.read_bytes()).hexdigest() != trained.dataset_sha256:
         raise DatasetError(f"{dataset} is not the recording that the model was fitted to: name that recording")
@@ -75,8 +77,8 @@ def refine(
 
     begins_with = {"model": folder_read / MODEL_WEIGHTS, **({} if state is None else {"state": state})}
     layout = trained.layout
-    by_hand = tuple(layout.names[index] for index in select_by_hand(_SENSORS, layout))
-    names = shared.names_in(sensors) or (trained.sensors if are_pairs(layout, trained.sensors) else by_hand)
+    names = shared.names_in(sensors) or (trained.sensors if are_pairs(layout, trained.sensors) else ())
+    names = names or tuple(layout.names[index] for index in select_by_hand(_SENSORS, layout))
     spread = side_by_side(workers, partial(wake_of, config, names)) if workers > 1 else nullcontext()
     with go_on_with(lambda: advice(folder)), spread as run, progress("steps", estimate_over=600.0) as report:
         show = TrainingProgress(report)

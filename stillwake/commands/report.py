@@ -7,7 +7,7 @@ from urllib.parse import quote
 import typer
 
 from contract.errors import ConfigError
-from stillwake.console.outputs import DATASET_SUFFIXES, check_frames, print_written
+from stillwake.console.outputs import DATASET_SUFFIXES, check_frames, check_output, print_written
 from stillwake.console.terminal import console, listed
 
 if TYPE_CHECKING:
@@ -66,9 +66,12 @@ def _of_dataset(sources: list[Path], outputs: list[Path]) -> None:
     if len(sources) > 1 or [one.suffix.lower() for one in outputs] != [".nc"]:
         raise ConfigError(f"{sources[0]}: is a data set; name one data set, and --output FILE.nc")
     found = read(sources[0])
-    for episode in found.episodes:
-        ending = "" if len(found.episodes) == 1 else f"_{quote(episode.name, safe=' ')}"
-        path = outputs[0].with_stem(f"{outputs[0].stem}{ending}")
+    endings = [f"_{quote(one.name, safe=' ')}" if len(found.episodes) > 1 else "" for one in found.episodes]
+    paths = [outputs[0].with_stem(f"{outputs[0].stem}{ending}") for ending in endings]
+    # Unlike a run's page, a file with this ending can be a measurement.
+    for path in paths:
+        check_output(path, overwrite=None)
+    for path, episode in zip(paths, found.episodes, strict=True):
         write_netcdf(path, episode, found.layout)
         print_written(path, None)
 

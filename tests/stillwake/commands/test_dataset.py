@@ -104,6 +104,7 @@ def test_each_episode_becomes_netcdf_by_report(cli, made, tmp_path):
     with h5py.File(made, "a") as file:
         del file["episodes/sweep"], file["episodes/calm"]
     assert cli("report", made, "--output", tmp_path / "one.nc").out == f"wrote {tmp_path / 'one.nc'}\n"
+    assert "one.nc: exists already; give another name" in cli("report", made, "--output", tmp_path / "one.nc").err
     assert (tmp_path / "one.nc").read_bytes() == (tmp_path / "my_held out.nc").read_bytes()
 
 
