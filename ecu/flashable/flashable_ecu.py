@@ -151,7 +151,9 @@ class FlashableEcu:
             return
         before, booted = self._ecu.state, cycle.ecu.state
         speed = replace(booted.speed, verifier=before.speed.verifier)
-        cycle.ecu.restore(replace(booted, verifier=before.verifier, speed=speed, freshness=before.freshness))
+        fresh = replace(booted, verifier=before.verifier, speed=speed, freshness=before.freshness)
+        # This reset does not clear the CAN controller's counts: an earlier bus-off must not count as a new one.
+        cycle.ecu.restore(replace(fresh, health=before.health))
         self._request = VehicleRequest()
         self._wants_reset = False
         self._controlled = cycle
