@@ -117,8 +117,11 @@ class OtherEcu:
         """Return the state after a step in which `heard` frames of another ECU were received."""
         if heard:
             return OtherEcu(frames=self.frames + heard, until_ns=step_ns + SILENCE_NS)
-        is_gone = self.until_ns is not None and step_ns > self.until_ns
-        return replace(self, until_ns=None) if is_gone else self
+        if self.until_ns is None:
+            return self
+        # If the clock went back, the silence counts from now on.
+        until_ns = min(self.until_ns, step_ns + SILENCE_NS)
+        return replace(self, until_ns=None if step_ns > until_ns else until_ns)
 
 
 def heard_of_another_ecu(frames: Sequence[Frame], messages: MessageSet, key: Key | None) -> int:

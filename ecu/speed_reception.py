@@ -177,6 +177,9 @@ class SpeedReception:
         verifier, frames, _ = verified(state.verifier, frames, spec=spec, key=self.key)
         receiver, reception = receive(state.receiver, frames, spec=spec, config=self.e2e)
         state = replace(state, verifier=verifier, receiver=receiver)
+        if now_ns < state.measured_ns:
+            # The clock went back, so the age of the last accepted speed is unknown.
+            state = replace(state, ratio=None)
         frame = reception.live
         stated = None if frame is None else self.message.parse(frame.data[: spec.protected])
         if frame is not None and stated is not None and stated.speed_m_per_s is not None:

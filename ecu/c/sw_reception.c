@@ -130,6 +130,9 @@ void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
         other->is_there = 0;
         other->until_ns = 0;
     } else {
-        /* The other ECU still counts as present: only its connection to the bus may be lost. */
+        /* The other ECU still counts as present: only its connection to the bus may be lost. If the clock went back,
+         * the silence counts from now on.
+         */
+        if (other->until_ns > step_ns + SW_SILENCE_NS) other->until_ns = step_ns + SW_SILENCE_NS;
     }
 }

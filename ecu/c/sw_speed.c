@@ -45,6 +45,8 @@ void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_fr
     static const sw_message message = {SW_SPEED_ID, SW_SPEED_BYTES, SW_SPEED_DATA_ID};
 #endif
     const sw_frame *frame = sw_receive(&speed->receiver, &message, frames, count SW_BY_KEY(secoc));
+    /* If the clock went back, the age of the last accepted speed is unknown. */
+    if (now_ns < speed->measured_ns) speed->known = 0;
     if (frame != NULL && speed->receiver.stream == SW_VALID) believe(speed, release, frame, now_ns);
     if (!speed->known || age_of(speed, now_ns) > (uint64_t)SW_OLDEST_SPEED_NS) {
         speed->known = 0;

@@ -9,6 +9,7 @@ from typing import Final
 
 from can_bridge.bus.heard import SILENCE_S, Heard, Silence
 from can_bridge.e2e.profiles import profile_of
+from can_bridge.e2e.receiver import GOOD, ReceiverState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Mode, Reason
@@ -58,7 +59,7 @@ class ControlLoop:
         messages = message_set(config.bus)
         self._pressure = messages.pressure.spec
         self._silence = Silence(self._pressure, messages, "vehicle", lambda text: tell("heard", text))
-        self._used = 0
+        self._sound = 0
         self._offset_ns = check_offset(config)
         period_ns = config.period_ns
         self._look_every = max(1, round(SILENCE_S * 1e9 / period_ns))
@@ -92,13 +93,13 @@ class ControlLoop:
             # Only pressures that the ECU used move the deadlines; frames of another node have no influence.
             counters = [self._counter(frame) for frame in pressures]
             if (used := self._ecu.state.pressure_counter) in counters:
-                self._used += 1
                 self._arrivals = self._arrivals.seen(pressures[counters.index(used)].timestamp_ns)
+        self._sound += self._is_sound(before.pressures, pressures)
         self._count(due_ns, woke_ns, sent_ns)
         self._tell_other_ecu(before.other_ecu)
         self._tell_mode()
         if self.counters.steps % self._look_every == 0:
-            self._silence.look(self._used, self._reception.heard, self._connection.rejected())
+            self._silence.look(self._sound, self._reception.heard, self._connection.rejected())
             self._reception.heard = Heard()
         self._after_step(sent_ns, self.counters)
         self._deadlines = self._deadlines.after(self._now_ns())
@@ -124,6 +125,12 @@ class ControlLoop:
                     f"bus open again after {after_s:.1f} s; for control, the enable request must rise again",
                     after_s=after_s,
                 )
+
+    def _is_sound(self, before: ReceiverState, frames: Sequence[Frame]) -> bool:
+        """Return whether a pressure frame of this period passed its checks. Such a frame may still be unusable, but not
+        because of its DBC or key. An ECU without a release checks no frame, so every frame counts."""
+        now = self._ecu.state.pressures
+        return bool(frames) if now == before else any(now.count(check) > before.count(check) for check in GOOD)
 
     def _tell_other_ecu(self, before: OtherEcu) -> None:
         now = self._ecu.state.other_ecu

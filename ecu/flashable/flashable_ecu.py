@@ -101,14 +101,15 @@ class FlashableEcu:
             self._controlled.calibration.hand_over()
         # The jets are shut before the reset, because the release that boots next cannot find out whether they run.
         fault = Reason.UPDATING if self._wants_reset else None
-        before = self._ecu.state
+        before, drove = self._ecu.state, self._request.drives_jets
         sent = self._ecu.step(now_ns, frames, health, fault=fault, updating=self._controlled.is_updating)
         after = self._ecu.state
         self._request = self._request.seen(before, after, now_ns)
         self._controlled.watch.seen(before, after, now_ns)
         if self._controlled.calibration is not None:
             self._controlled.calibration.sample(after)
-        return [] if self._controlled.is_silent and not self._request.drives_jets else sent
+        # The command that shuts the jets is sent, too: the vehicle would follow the command before it.
+        return [] if self._controlled.is_silent and not (drove or self._request.drives_jets) else sent
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
         """Process up to `MOST_FRAMES` frames of diagnosis and a part of a long operation; return the frames to send."""
@@ -150,7 +151,9 @@ class FlashableEcu:
             return
         before, booted = self._ecu.state, cycle.ecu.state
         speed = replace(booted.speed, verifier=before.speed.verifier)
-        cycle.ecu.restore(replace(booted, verifier=before.verifier, speed=speed, freshness=before.freshness))
+        fresh = replace(booted, verifier=before.verifier, speed=speed, freshness=before.freshness)
+        # This reset does not clear the CAN controller's counts: an earlier bus-off must not count as a new one.
+        cycle.ecu.restore(replace(fresh, health=before.health))
         self._request = VehicleRequest()
         self._wants_reset = False
         self._controlled = cycle

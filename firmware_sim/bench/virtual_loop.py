@@ -130,9 +130,11 @@ class VirtualLoop(NeverCopied):
 
     def reset_ecu(self, boot_ns: int) -> None:
         """Make the ECU lose its state at the bus's present time and start again after `boot_ns`. Until then it receives
-        nothing. Freshness values are in non-volatile memory and continue to count."""
+        nothing. Freshness values, which are in non-volatile memory, and the CAN controller's counts continue."""
         state, rejected = self._ecu.state, self._ecu.frames_rejected
-        self._ecu.restore(replace(self._power_on, verifier=state.verifier, freshness=state.freshness))
+        speed = replace(self._power_on.speed, verifier=state.speed.verifier)
+        fresh = replace(self._power_on, verifier=state.verifier, speed=speed, freshness=state.freshness)
+        self._ecu.restore(replace(fresh, health=state.health))
         self._rejected += rejected - self._ecu.frames_rejected
         self._pressures_came()
         self._inbox, self._boots, self._busy_until_ns = [], self._boots + 1, 0

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from can_bridge.wire.messages import Mode, Reason
 from contract.arrays import Array
 from contract.config.vehicle import SpeedConfig
 from contract.controller.air_speed import FIRST_PERIOD, LAGS, MEAN_PERIODS, feature_count, features, weight_count
 from contract.release.manifest import SpeedRange
+from ecu.pressure_reception import SILENCE_NS, OtherEcu
 from ecu.speed_reception import MOST_REST, RATE, TOLERATED, AirSpeed, AirSpeedState
 from tests.ecu.conftest import RecordingController, make_bench, make_bundle
 
@@ -105,3 +107,26 @@ def test_the_ecu_scales_with_the_corrected_speed_within_the_releases_range():
     air = unused.ecu.state.speed.air
     assert (air.driven, air.correction) == (FIRST_PERIOD, 1.0)
     assert AirSpeed.of(replace(bundle.manifest, air_speed=None), MOST) is None
+
+
+def test_after_a_clock_that_went_back_no_earlier_speed_is_in_force():
+    bench = make_bench(RecordingController(), bundle=make_bundle(speeds=SPEEDS))
+    bench.cruises, bench.now_ns = None, 100 * 10**9
+    for _ in range(10):
+        bench.step(bench.at_speed(1.0), bench.pressure())
+    assert bench.ecu.trace.mode is Mode.CONTROL
+    bench.now_ns -= 60 * 10**9
+    bench.step(bench.pressure())
+    assert (bench.ecu.state.speed.ratio, bench.ecu.state.fail_safe.reason) == (None, Reason.CLOCK)
+    # Otherwise this change of speed would not be possible until the clock shows the earlier time again.
+    for _ in range(3):
+        bench.step(bench.at_speed(1.1), bench.pressure())
+    assert bench.ecu.state.speed.ratio == pytest.approx(1.1)
+
+
+def test_after_a_clock_that_went_back_another_ecus_silence_counts_from_then_on():
+    present = OtherEcu().next(1, 60 * 10**9)
+    after = present.next(0, 0)
+    assert (after.until_ns, after.next(0, SILENCE_NS).until_ns) == (SILENCE_NS, SILENCE_NS)
+    assert after.next(0, SILENCE_NS + 1) == OtherEcu(frames=1)
+    assert present.next(0, 60 * 10**9 + SILENCE_NS) == present

@@ -89,6 +89,7 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
     sw_vehicle_request *request = &services->request;
     const int has_release = sw_programming_has_release(&services->programming);
     const uint32_t missed = ecu->state.missed;
+    const int drove = (int)request->drives_jets;
     int sent;
     sw_faults_before(&services->faults);
     /* The release that boots next cannot know whether the jets run, so the jets are shut before the reset. */
@@ -109,7 +110,8 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
         request->has_asked = 1;
         request->asked_ns = clipped(now_ns);
     }
-    return services->uds.is_silent && !request->drives_jets ? 0 : sent;
+    /* The command that shuts the jets is sent, too: the vehicle would follow the command before it. */
+    return services->uds.is_silent && !drove && !request->drives_jets ? 0 : sent;
 }
 
 /* --- Diagnosis --- */

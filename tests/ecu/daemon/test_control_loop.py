@@ -11,9 +11,11 @@ from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import JetCommand, Mode, Reason
+from contract import sensors
 from contract.config.tree import Config
 from ecu.real_time.deadlines import wrapped
 from ecu.real_time.stage_times import EcuStage
+from ecu.shut_ecu import ShutEcu
 from tests.each import each
 from tests.ecu.daemon.conftest import START_NS, wait_for
 
@@ -139,6 +141,20 @@ def test_a_lost_bus_is_logged_opened_again_and_gives_no_control_back_by_itself(r
     rig.request = True
     rig.run(8)
     assert rig.commands[-1].mode is Mode.CONTROL
+
+
+def test_sound_pressures_that_cannot_be_used_are_not_said_to_be_of_another_dbc(rig):
+    sample = rig.vehicle.node.sample
+    rig.vehicle.node.sample = lambda cp, **of: sample(np.full(sensors.COUNT, np.nan), **of)
+    rig.run(120)
+    assert rig.statuses[-1].reason is Reason.SENSOR_INVALID
+    rig.loop._ecu = ShutEcu(rig.config)
+    rig.run(120)
+    assert rig.statuses[-1].reason is Reason.NO_RELEASE
+    assert "heard" not in rig.events
+    rig.delay = lambda number: None
+    rig.run(120)
+    assert rig.events.count("heard") == 1
 
 
 def test_frames_that_the_bus_does_not_take_are_counted_and_the_loop_goes_on(rig, monkeypatch):

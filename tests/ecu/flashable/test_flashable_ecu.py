@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from can_bridge.bus.interface import BusHealth, BusState
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.secoc.key import read_key, write_key
 from can_bridge.secoc.node import Authentication
@@ -16,6 +17,7 @@ from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.release.container import files_of
 from contract.release.manifest import MANIFEST, open_manifest
+from ecu.flashable.flashable_ecu import FlashableEcu
 from ecu.stepped import SteppedEcu
 from tests.ecu.flashable.vehicle_ecu import ACTIVATE, CONFIRM_ROUTINE, SELF_TEST, Rig, image, provision
 
@@ -66,6 +68,23 @@ def test_a_reset_restarts_counters_and_locks(rig: Rig) -> None:
     assert 0 in [frame.data[2] for frame in sent]  # the E2E counter
     # The session is over, and what was unlocked is locked.
     assert rig.ask(b"\x31\x01\x02\x06") == b"\x7f\x31\x7f"
+
+
+def test_an_earlier_bus_off_is_no_fault_of_the_release_that_boots(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    step = FlashableEcu.step
+    health = BusHealth(state=BusState.BUS_OFF, bus_off=1)
+    monkeypatch.setattr(FlashableEcu, "step", lambda ecu, now_ns, frames: step(ecu, now_ns, frames, health))
+    rig.run_asking(False, 100)
+    assert rig.statuses[-1].reason is Reason.BUS_OFF
+    health = BusHealth(bus_off=1)
+    rig.into_control()
+    rig.run_asking(None, 1100)
+    rig.good(b"\x14\xff\xff\xff")
+    rig.programming()
+    rig.reset()
+    rig.run_asking(False, 100)
+    assert (rig.statuses[-1].state, rig.statuses[-1].reason, rig.statuses[-1].bus_off) == (Mode.OFF, Reason.NONE, 1)
+    assert rig.ask(b"\x19\x02\x01") == b"\x59\x02\x7f"
 
 
 @pytest.mark.parametrize("end", [b"", b"\x10\x01"], ids=["no tester any more", "another session"])

@@ -7,7 +7,9 @@ from math import ceil, isnan
 import numpy as np
 import pytest
 
+from can_bridge.bus.interface import BusHealth
 from can_bridge.e2e.sender import SenderState
+from can_bridge.secoc.securing import VerifierState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, VEHICLE_SPEED
 from can_bridge.wire.messages import Mode, Reason
@@ -136,6 +138,19 @@ def test_frames_that_are_dropped_are_lost_and_damaged_ones_rejected_by_their_rec
     h = faulty("flip_bits:probability=0.3", compute_ms=25.0)
     h.run(61)
     assert h.ecu.status().crc_errors == h.disturbing.injected()[0].acted > 8
+
+
+def test_a_reset_keeps_freshness_and_the_can_controllers_counts_alone():
+    h = Harness(8.0)
+    h.run(20)
+    state, health = h.ecu.state, BusHealth(bus_off=1)
+    speed = replace(state.speed, verifier=VerifierState(freshness=8))
+    h.ecu.restore(replace(state, verifier=VerifierState(freshness=7), speed=speed, health=health))
+    h.loop._ecu_health = lambda: health
+    h.loop.reset_ecu(0)
+    after = h.ecu.state
+    assert (after.verifier.freshness, after.speed.verifier.freshness, after.missed) == (7, 8, 0)
+    assert {row.mode for row in h.run(5)} == {Mode.OFF}
 
 
 @each("counters_apart", [0, 1, 3, 128])
