@@ -181,21 +181,18 @@ class ControllerMemory(ArrayValue):
         later = delay - len(self.under_way.pending)
         if not later:
             return self
-        # The window's actions, followed by the delay line's actions, are the sent actions without a gap.
-        sent = np.concatenate([self.window[:, -1], self.under_way.values])
-        length, first = len(self.window), len(self.window) - self.rows
-        in_force = sent[np.maximum(np.arange(length) - later, 0)]
+        # The rows' actions, followed by the delay line's actions, are the sent actions without a gap.
+        acted = self.window[:, -1] if self.past is None else self.past.rows[:, -1] * self.past.speeds
+        sent, length = np.concatenate([acted, self.under_way.values]), len(acted)
         under_way = sent[np.maximum(np.arange(length - later, len(sent)), 0)]
-        window = self.window.copy()
-        window[first:, -1] = in_force[first:]
         planned_at = np.arange(len(self.plan)) - later
-        memory = self if self.past is None else self.emptied()
-        return replace(
-            memory,
-            window=window if self.past is None else memory.window,
-            plan=self.plan[planned_at.clip(0, len(self.plan) - 1)],
-            under_way=DelayLine(tuple(under_way.tolist())),
-        )
+        plan = self.plan[planned_at.clip(0, len(self.plan) - 1)]
+        memory = replace(self, plan=plan, under_way=DelayLine(tuple(under_way.tolist())))
+        if self.past is not None:
+            return memory.emptied()
+        window, first = self.window.copy(), length - self.rows
+        window[first:, -1] = sent[np.maximum(np.arange(first, length) - later, 0)]
+        return replace(memory, window=window)
 
     def without_plan(self) -> "ControllerMemory":
         """Return the memory with a plan of zeros, so that the next optimisation starts from zeros."""

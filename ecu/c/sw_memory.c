@@ -88,25 +88,27 @@ void sw_memory_commanded(sw_memory *memory, double action)
  */
 void sw_memory_freeze(sw_memory *memory, int frozen)
 {
-    double sent[SW_WINDOW + SW_HORIZON]; /* actions of the rows, then actions in transit: a series without a gap */
+    double sent[SW_KEPT + SW_HORIZON]; /* actions of the rows, then actions in transit: a series without a gap */
     float plan[SW_HORIZON];
     const int later = frozen - (int)memory->frozen;
-    for (int k = 0; k < SW_WINDOW; k++) sent[k] = memory->window[k][SW_SENSORS];
     for (int k = 0; k < SW_HORIZON; k++) {
-        sent[SW_WINDOW + k] = memory->under_way[k];
+        sent[SW_KEPT + k] = memory->under_way[k];
         plan[k] = memory->plan[k];
     }
+#if SW_PAST > 0
+    for (int k = 0; k < SW_PAST; k++) sent[k] = memory->past.rows[k][SW_SENSORS] * memory->past.speeds[k];
+    if (later != 0) sw_memory_emptied(memory);
+#else
+    for (int k = 0; k < SW_WINDOW; k++) sent[k] = memory->window[k][SW_SENSORS];
     for (int k = SW_WINDOW - (int)memory->rows; k < SW_WINDOW; k++) {
-        memory->window[k][SW_SENSORS] = sent[clipped(k - later, SW_WINDOW + SW_HORIZON - 1)];
+        memory->window[k][SW_SENSORS] = sent[clipped(k - later, SW_KEPT + SW_HORIZON - 1)];
     }
+#endif
     for (int k = 0; k < SW_HORIZON; k++) {
-        memory->under_way[k] = k <= frozen ? sent[clipped(SW_WINDOW + k - later, SW_WINDOW + SW_HORIZON - 1)] : 0.0;
+        memory->under_way[k] = k <= frozen ? sent[clipped(SW_KEPT + k - later, SW_KEPT + SW_HORIZON - 1)] : 0.0;
         memory->plan[k] = plan[clipped(k - later, SW_HORIZON - 1)];
     }
     memory->frozen = (uint32_t)frozen;
-#if SW_PAST > 0
-    if (later != 0) sw_memory_emptied(memory);
-#endif
 }
 
 void sw_memory_without_plan(sw_memory *memory)

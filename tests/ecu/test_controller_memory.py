@@ -97,3 +97,10 @@ def test_where_no_row_has_come_another_delay_writes_none():
     changed = memory.observed(np.array([5.0])).commanded(0.4).with_delay(0)
     np.testing.assert_array_equal(changed.window, [[0.0, 0.0], [0.0, 0.0], [5.0, 0.3]])
     assert changed.under_way.values == (0.4,)
+
+
+def test_at_another_speed_a_longer_delay_finds_the_sent_actions():
+    memory = ControllerMemory.empty(length=4, sensors=1, horizon=6, delay=0, past=6)
+    for action in (0.01, 0.02, 0.03):
+        memory = memory.observed(np.zeros(1), 0.7).commanded(action)
+    assert memory.with_delay(2).under_way.values == pytest.approx((0.01, 0.02, 0.03))
