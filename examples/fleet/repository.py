@@ -116,6 +116,8 @@ class Repository:
         manifest = verified.manifest
         if verified.signer is None:
             raise StillwakeError(f"bundle {bundle}: is not signed; no ECU would accept it")
+        if set(manifest.name) & set("/\\?#%"):
+            raise StillwakeError(f"release {manifest.name}: no vehicle can fetch a name with one of / \\ ? # %")
         releases = self._read(RELEASES, Targets)
         place = f"{RELEASES}/{manifest.name}"
         if place in releases.signed.targets:
