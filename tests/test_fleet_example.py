@@ -108,6 +108,10 @@ def test_the_lines_of_the_page_do_the_same(sound, tmp_path, capsys):
     assert bundles.load(to).manifest.name == "random"
 
 
+def test_a_smaller_share_takes_no_release_from_a_vehicle_and_says_so(office):
+    assert [office.at(NOW).roll_out("next", percent) for percent in (10, 50, 5)] == [10, 50, 50]
+
+
 def test_a_name_that_no_vehicle_could_fetch_is_not_published(office, tmp_path):
     key = Ed25519PrivateKey.from_private_bytes(bytes(32))
     for number, name in enumerate(("a/b", "a#b", "a?b", "a%62", "..\\b")):
