@@ -65,6 +65,8 @@ def flash(
         raise ConfigError("--access: must name the ECU's key file; only --dry-run needs no key")
     if keys is not None and dry_run:
         raise ConfigError("--keys: the key list is written at once; leave it out with --dry-run")
+    if bundle is None and (trust is not None or no_confirm):
+        raise ConfigError("--trust, --no-confirm: are about a release; leave them out, or name a bundle or image")
     # The release is opened before the key list is sent, so that nothing is sent if the release cannot be used.
     opened = None if bundle is None else _opened(bundle, trust)
     if keys is not None:
