@@ -108,6 +108,19 @@ def test_the_lines_of_the_page_do_the_same(sound, tmp_path, capsys):
     assert bundles.load(to).manifest.name == "random"
 
 
+def test_a_smaller_share_takes_no_release_from_a_vehicle_and_says_so(office):
+    assert [office.at(NOW).roll_out("next", percent) for percent in (10, 50, 5)] == [10, 50, 50]
+
+
+def test_a_name_that_no_vehicle_could_fetch_is_not_published(office, tmp_path):
+    key = Ed25519PrivateKey.from_private_bytes(bytes(32))
+    for number, name in enumerate(("a/b", "a#b", "a?b", "a%62", "..\\b")):
+        bundles.renew(office.bundle, tmp_path / str(number), name=name, created="2026-11-22", key=key)
+        with pytest.raises(StillwakeError, match="no vehicle can fetch"):
+            office.at(NOW).publish(tmp_path / str(number))
+    assert office.asked_by(tmp_path / "state") == "random"
+
+
 def test_what_was_altered_or_is_old_is_not_taken(office, tmp_path):
     def altered(path: Path, content: bytes, *words: str) -> None:
         sound = path.read_bytes()

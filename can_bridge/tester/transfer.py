@@ -16,6 +16,7 @@ from can_bridge.tester.asking import Asking
 from can_bridge.tester.messages import NoAnswerError, RefusedError
 from can_bridge.uds.services import MAX_BLOCK, Did, Nrc, Routine, Session
 from contract.errors import FlashError
+from contract.release import key_list
 
 BLOCK_STEP: Final = 32
 """Size in bytes of a word of flash memory. The offset of every block after the first is a multiple of this size."""
@@ -188,10 +189,13 @@ def in_programming(asking: Asking, routine: Routine) -> None:
     in_session(lambda: enter_programming(asking), lambda: asking.routine(routine), has_begun=True)
 
 
-def bring(asking: Asking, raw: bytes) -> tuple[int, int]:
-    """Replace the key list; return the versions of the old list (0 if there was none) and of the new list. Raises
+def bring(asking: Asking, raw: bytes, *, is_again: bool = False) -> tuple[int, int]:
+    """Replace the key list; return the versions of the old list (0 if there was none) and of the new list. If
+    `is_again`, a list of the ECU's present version is not sent: an earlier, interrupted call may have sent it. Raises
     WrongKeysError if the ECU rejects the new list; FlashError if the ECU may not write now or does not answer."""
     before = _version(asking)
+    if is_again and raw[key_list.VERSION] == before.to_bytes(4, "big"):
+        return before, before
     enter_programming(asking)
     wrong = messages.WrongKeysError(
         f"the ECU refused the key list: it must be signed by the ECU's root key, have a version above {before}, and "

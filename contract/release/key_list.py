@@ -30,6 +30,8 @@ from contract.release.signing import PublicKey
 
 LARGEST_VERSION: Final = 2**32 - 1
 MAX_KEYS: Final = 16
+VERSION: Final = slice(8, 12)
+"""The part of a list that has the version."""
 _MAGIC: Final = b"SWKEYS01"
 _HEADER: Final = struct.Struct(">8sIBBH32s")
 _KEY: Final = 32

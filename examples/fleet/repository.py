@@ -116,6 +116,8 @@ class Repository:
         manifest = verified.manifest
         if verified.signer is None:
             raise StillwakeError(f"bundle {bundle}: is not signed; no ECU would accept it")
+        if set(manifest.name) & set("/\\?#%"):
+            raise StillwakeError(f"release {manifest.name}: no vehicle can fetch a name with one of / \\ ? # %")
         releases = self._read(RELEASES, Targets)
         place = f"{RELEASES}/{manifest.name}"
         if place in releases.signed.targets:
@@ -131,18 +133,21 @@ class Repository:
         self._change(RELEASES, releases)
         return manifest.name
 
-    def roll_out(self, name: str, percent: int) -> None:
-        """Let the first `percent` hundredths of the fleet run a release; other vehicles keep their present releases."""
+    def roll_out(self, name: str, percent: int) -> int:
+        """Let the first `percent` hundredths of the fleet run a release; other vehicles keep their present releases.
+        Returns the number of hundredths that now run the release, more than `percent` after a greater share."""
         if not 1 <= percent <= BINS:
             raise StillwakeError(f"share of {percent} %: must be in 1..{BINS}")
         place = f"{RELEASES}/{name}"
         if place not in self._read(RELEASES, Targets).signed.targets:
             raise StillwakeError(f"release {name}: is not published here")
         rollout = self._read(ROLLOUT, Targets)
+        content = json.dumps({"release": place}).encode()
         for number in range(percent):
             path = f"{ROLLOUT}/{number:02}"
-            rollout.signed.targets[path] = self._store(path, json.dumps({"release": place}).encode())
+            rollout.signed.targets[path] = target = self._store(path, content)
         self._change(ROLLOUT, rollout)
+        return sum(one.hashes == target.hashes for one in rollout.signed.targets.values())
 
     def renew(self) -> None:
         """Sign the timestamp again, so that it does not expire. Call this once a day."""
@@ -223,8 +228,8 @@ def main(arguments: Sequence[str]) -> None:
     elif given.call == "publish":
         print(f"published {repository.publish(given.bundle)}; no vehicle gets it yet")
     elif given.call == "roll-out":
-        repository.roll_out(given.release, given.percent)
-        print(f"{given.percent} % of the fleet are to run {given.release}")
+        share = repository.roll_out(given.release, given.percent)
+        print(f"{share} % of the fleet are to run {given.release}")
     else:
         repository.renew()
 

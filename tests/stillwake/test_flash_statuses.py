@@ -116,6 +116,19 @@ def test_what_the_ecu_would_refuse_is_not_sent(flash, ecu, tmp_path):
 
 
 @pytest.mark.slow
+def test_the_same_command_goes_on_behind_its_key_list(cli, bus, tmp_path):
+    write_key(tmp_path / "access.key", SECRET)
+    (tmp_path / "keys.list").write_bytes(keys(3, RELEASE, SECOND))
+    memory, more = provisioned(), ("--bus", f"virtual:{bus.channel}", "--access", tmp_path / "access.key")
+    for had in (1, 3):
+        # The project's key is in neither list; a reset between both calls makes the ECU forget what a tester sent.
+        with served(StoreEcu(lambda: memory), bus):
+            outcome = cli("flash", BUNDLE, "--keys", tmp_path / "keys.list", *more)
+        assert f"the ECU has key list 3, and had {had}\n" in outcome.out and outcome.code == 6
+        assert "is signed by a key that is not in this ECU's list" in outcome.err
+
+
+@pytest.mark.slow
 def test_ctrl_c_leaves_what_was_sent(flash, ecu, monkeypatch):
     def stopped(_report, _task, done, *_more):
         if done > 50_000:
@@ -148,7 +161,9 @@ def test_what_cannot_begin(call, flash, all_refused, bus, monkeypatch):
     )
     all_refused(words, {"": "--access: must name the ECU's key file", "--dry-run --keys k": "--access: must name"})
     all_refused(
-        "flash", {"": "name the bundle or image", "--keys k --dry-run --access x": "--keys: the key list is written"}
+        "flash",
+        {"": "name the bundle or image", "--keys k --dry-run --access x": "--keys: the key list is written"}
+        | dict.fromkeys((f"--keys k --access x {one}" for one in ("--trust t", "--no-confirm")), "are about a release"),
     )
 
     def fails(*_arguments, **_named):
