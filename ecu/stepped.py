@@ -61,6 +61,7 @@ class LoopEcu:
         computed_by: description of the code that computes the control step, in words.
         step_ns: returns the duration in ns of the latest step, in virtual time; by default `ecu.compute_time_ms`.
         clock_mhz: clock frequency in MHz of the core to which `step_ns` refers.
+        start_clock: sets the clock of an emulated core to 0, as a run's time; other ECUs have no clock of their own.
     """
 
     ecu: CalibratedEcu
@@ -68,3 +69,4 @@ class LoopEcu:
     computed_by: str
     step_ns: Callable[[], int] | None = None
     clock_mhz: float | None = None
+    start_clock: Callable[[], None] = lambda: None

@@ -31,8 +31,8 @@ _BUNDLE_HASH: Final = re.compile(rb"^#define SW_BUNDLE_HASH UINT32_C\((0x[0-9a-f
 _UNDEFINED: Final = re.compile(r"undefined symbol: (\w+)")
 _ALIGNMENT: Final = 64
 _Answer = Callable[[Any], int]
-_ESTIMATOR: Final = "sw_estimator_settings.h"
-"""Name of the header that is generated for a release with a sensor estimator."""
+_ESTIMATOR: Final = ("sw_estimator_settings.h", "sw_estimator_weights.c")
+"""Names of the files that are generated for a release with a sensor estimator."""
 
 
 class CEcuState(NeverCopied):
@@ -191,6 +191,9 @@ def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes
     if bundle.manifest.sensor_estimator is None and check.enabled:
         # As in the ECU in Python, a release without an estimator has no sensor check.
         config = replace(config, ecu=replace(config.ecu, sensor_check=replace(check, enabled=False)))
-    elif check.enabled and _ESTIMATOR not in sources:
+    elif check.enabled and _ESTIMATOR[0] not in sources:
         raise LibraryError(f"library {folder}: it has no sensor estimator; export it again, or switch off sensor_check")
+    if not config.ecu.sensor_check.enabled:
+        # Without the check, `sw_ecu.h` does not declare the estimator, so the estimator's numbers would not compile.
+        sources = {name: content for name, content in sources.items() if name not in _ESTIMATOR}
     return with_layout(sources | {c_settings.HEADER: c_settings.ecu_settings(bundle, config)})

@@ -54,4 +54,5 @@ def loop_ecu(
         computed_by=f"C99 {precision}, {core.description}",
         step_ns=lambda: core.step_ns,
         clock_mhz=clock_mhz,
+        start_clock=lambda: core.power_on(core.board.flash.bank, 0),
     )

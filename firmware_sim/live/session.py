@@ -234,6 +234,10 @@ class LiveSession(NeverCopied):
             made = self._make_ecu(controller)
             self._made[controller] = made, made.ecu.state
         ecu, at_first = self._made[controller]
+        if powered_on:
+            # A run's time begins at 0. A core whose clock was ahead would wait until the run's time has reached it.
+            for made, _ in self._made.values():
+                made.start_clock()
         ecu.ecu.calibrate(self._own if settings.weights is None else replace(self._own, weights=settings.weights))
         if powered_on:
             ecu.ecu.restore(at_first)

@@ -175,6 +175,14 @@ def test_what_has_no_ecu_or_c_cannot_do_is_refused_in_one_line(release, sources,
             ecu_sources(release.folder, release.bundle, config)
 
 
+def test_without_the_check_the_numbers_of_an_estimator_are_left_out(release, tmp_path):
+    """They would not compile: `sw_ecu.h` then declares no estimator."""
+    folder = shutil.copytree(release.folder, tmp_path / "c")
+    for name in ("sw_estimator_settings.h", "sw_estimator_weights.c"):
+        (folder / name).write_text("sw_estimator_weights sw_own_estimator;\n")
+    assert ecu_sources(folder, release.bundle, CONFIG) == ecu_sources(release.folder, release.bundle, CONFIG)
+
+
 def test_the_largest_settings_that_are_taken_compile(release, tmp_path):
     """Sums of them have room in C's types; warnings are errors. The check is off: the release has no estimator."""
     most = 2**29

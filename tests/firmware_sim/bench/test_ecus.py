@@ -50,6 +50,18 @@ def test_the_core_sends_and_keeps_what_the_host_does_in_its_own_time(release, so
     assert np.nanmedian(gained[5:]) == pytest.approx(CONFIG.ecu.compute_time_ms - ecu.modelled_ms, abs=0.1)
 
 
+@pytest.mark.mcu
+def test_a_core_whose_clock_starts_again_runs_as_at_first(release, sources):
+    """A core whose clock is ahead of a run leaves out all periods until the run has reached that time."""
+    core = loop_ecu(MCU, sources)
+    powered_on, commands = core.ecu.state, []
+    for _ in range(2):
+        commands.append(run(release, core).series["command"])
+        core.start_clock()
+        core.ecu.restore(powered_on)
+    np.testing.assert_array_equal(*commands)
+
+
 def test_with_a_key_the_vehicle_believes_the_ecu_in_c(release, tmp_path):
     """`tests/ecu/in_c/test_secoc_in_c.py` shows that its frames are those of the ECU in Python."""
     secret = bytes(range(1, 17))

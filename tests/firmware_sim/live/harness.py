@@ -1,6 +1,7 @@
 """A live session on a plant of two numbers with a controller that plans waves: everything else is the real thing."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,7 @@ class Live:
         self.bundle = make_bundle()
         self.made: dict[str, Ecu] = {}
         self.refused: set[str] = set()
+        self.clocks: list[str] = []  # the ECUs whose clock was set to 0
         self.controller = Waves()
         self.config = config
         self.session = LiveSession(
@@ -88,7 +90,8 @@ class Live:
         ecu = self.made[name] = Ecu(
             self.bundle, self.controller, self.config, authentication=authentication_in_virtual_time(self.config.bus)
         )
-        return LoopEcu(ecu=ecu, kind="python", computed_by=f"waves by {name}")
+        start_clock = partial(self.clocks.append, name)
+        return LoopEcu(ecu=ecu, kind="python", computed_by=f"waves by {name}", start_clock=start_clock)
 
     def run(self, periods: int) -> "Live":
         for _ in range(periods):

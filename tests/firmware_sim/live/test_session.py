@@ -143,7 +143,9 @@ def test_another_controller_goes_on_from_the_state_of_the_one_before(key, tmp_pa
     assert live.made["c"].calibration.weights == live.bundle.manifest.mpc.weights
     live.set(controller="python").set(weights={"lift": 3.0}).run(1)
     assert live.made["python"].calibration.weights.lift == 3.0
+    live.clocks.clear()
     live.set(controller="c").run(2).ask(restart=True)
+    assert live.clocks == ["python", "c"]  # each of them may be chosen in this run
     assert live.run(20).state == "CONTROL"
     assert live.heard["now"]["k"] == 19
 
