@@ -219,6 +219,7 @@ static int period(int bus, int64_t *due_ns)
 #if SW_SECOC
 
 static const char *freshness_file;
+static unsigned long long heard_speed; /* the stored value, which stays if this release does not need the speed */
 
 /* Reads a key of 32 hexadecimal digits; returns -1 on failure. */
 static int read_key(const char *path, uint8_t key[SW_AES_BYTES])
@@ -264,6 +265,7 @@ static int authenticate(const char *key_file)
     given.trip = (uint32_t)(trip + 1);
     given.heard_pressure = pressure;
     given.heard_speed = speed;
+    heard_speed = speed;
     failed = sw_ecu_authenticate(&ecu, &given);
     memset(given.key, 0, sizeof given.key);
     return failed ? -1 : 0;
@@ -271,7 +273,7 @@ static int authenticate(const char *key_file)
 
 static int keep_accepted(void)
 {
-    unsigned long long speed = 0;
+    unsigned long long speed = heard_speed;
 #if SW_PAST > 0
     speed = ecu.state.speed.receiver.verifier.freshness;
 #endif
