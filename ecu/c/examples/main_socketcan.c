@@ -271,13 +271,15 @@ static int authenticate(const char *key_file)
     return failed ? -1 : 0;
 }
 
-static int keep_accepted(void)
+static void keep_accepted(void)
 {
     unsigned long long speed = heard_speed;
 #if SW_PAST > 0
     speed = ecu.state.speed.receiver.verifier.freshness;
 #endif
-    return keep_freshness(ecu.state.freshness.trip, ecu.state.pressures.verifier.freshness, speed);
+    if (keep_freshness(ecu.state.freshness.trip, ecu.state.pressures.verifier.freshness, speed) != 0) {
+        fprintf(stderr, "%s: the freshness is not kept: %s\n", freshness_file, strerror(errno));
+    }
 }
 
 #endif
@@ -290,11 +292,9 @@ static int shut(int bus, int64_t due_ns)
 #if SW_SECOC
     const sw_secoc secoc = ecu.secoc;
     const sw_freshness freshness = ecu.state.freshness;
-    const int is_kept = keep_accepted() == 0;
     (void)sw_ecu_init(&ecu);
     ecu.secoc = secoc;
     ecu.state.freshness = freshness;
-    if (!is_kept) fprintf(stderr, "%s: the freshness is not kept: %s\n", freshness_file, strerror(errno));
 #else
     (void)sw_ecu_init(&ecu);
 #endif
@@ -356,8 +356,15 @@ int main(int argc, char **argv)
         failed = period(bus, &due_ns) != 0;
         report();
     }
-    if (!failed) failed = shut(bus, due_ns) != 0;
-    if (failed) fprintf(stderr, "the CAN interface fails: %s\n", strerror(errno));
+    int why = errno; /* the reason if the interface failed */
+#if SW_SECOC
+    keep_accepted();
+#endif
+    if (!failed && shut(bus, due_ns) != 0) {
+        failed = 1;
+        why = errno;
+    }
+    if (failed) fprintf(stderr, "the CAN interface fails: %s\n", strerror(why));
     close(bus);
     return failed;
 }

@@ -134,19 +134,23 @@ def test_a_bus_that_takes_nothing_does_not_hold_the_linux_program_up(linux_progr
 
 @pytest.mark.processes
 @pytest.mark.parametrize("built_for", ["secured"], indirect=True)
-def test_it_keeps_the_freshness_of_a_speed_that_its_release_does_not_need(linux_program, built_for, tmp_path):
-    """The next release may need it: recorded speeds would be accepted again."""
+def test_with_a_key_it_keeps_the_freshness_also_if_the_interface_fails(linux_program, built_for, tmp_path):
+    """That of a speed as well, which this release does not need: recorded frames would be accepted again."""
     config, messages = built_for
     program = linux_program("ecu_with_a_key", *WRAPPED, bus=BUS)
     key, kept = tmp_path / "bus.key", tmp_path / "freshness"
     write_key(key, SECRET)
     kept.write_text("4 0 7\n")
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    ours.setblocking(False)
-    vehicle = Vehicle(config, cast(Any, SocketBus(ours, messages)), Authentication(key=Key(SECRET), trip=2))
-    with ours, theirs, started(program, theirs, key, kept) as running:
-        vehicle.into_control()
-        running.send_signal(signal.SIGTERM)
-        assert running.wait(timeout=60) == 0
-    trip, pressure, speed = map(int, kept.read_text().split())
-    assert (trip, pressure >> 32, speed) == (5, 2, 7)
+    for trip, fails in ((5, False), (6, True)):
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        ours.setblocking(False)
+        vehicle = Vehicle(config, cast(Any, SocketBus(ours, messages)), Authentication(key=Key(SECRET), trip=trip))
+        with ours, theirs, started(program, theirs, key, kept) as running:
+            vehicle.into_control()
+            if fails:
+                ours.close()
+            else:
+                running.send_signal(signal.SIGTERM)
+            assert running.wait(timeout=60) == fails
+        stored, pressure, speed = map(int, kept.read_text().split())
+        assert (stored, pressure >> 32, speed) == (trip, trip, 7)
