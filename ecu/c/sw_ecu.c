@@ -277,11 +277,12 @@ static uint8_t judged(sw_ecu *ecu, const sw_numbers *numbers)
 int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers)
 {
     sw_calibration own;
-    const uint8_t unfit = judged(ecu, numbers);
+    const sw_numbers given = *numbers; /* a copy, since these may be the ECU's own numbers, which are cleared here */
+    const uint8_t unfit = judged(ecu, &given);
     unsigned char *bytes = (unsigned char *)ecu;
     for (size_t i = 0; i < sizeof *ecu; i++) bytes[i] = 0; /* also clears padding, as states are compared as bytes */
-    ecu->numbers = *numbers;
-    sw_calibration_own(numbers->release, &own);
+    ecu->numbers = given;
+    sw_calibration_own(given.release, &own);
     (void)sw_ecu_calibrate(ecu, &own);
     ecu->surroundings.fault = SW_REASON_NONE;
     ecu->state.timing.fault = SW_REASON_NONE;

@@ -7,6 +7,7 @@ from can_bridge.secoc.key import Key
 from can_bridge.secoc.node import secured
 from can_bridge.secoc.securing import Freshness
 from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.message_specs import SPEED_RESOLUTION_M_PER_S, SPEED_UNKNOWN
 from can_bridge.wire.messages import SENSORS, Pressure, VehicleSpeed
 from contract.arrays import Array
 from contract.config.tree import Config
@@ -22,11 +23,12 @@ ASKED_FROM: Final = 5
 
 def played_pressures(rows: Array, config: Config) -> bytes:
     """Return `pressures.h`, with two protected frames for each of the first `MOST_PERIODS` rows: one has the pressures,
-    limited to their range, the other the design speed. The rows, (n, S + any), begin with Cp at the bus's S sensors."""
+    limited to their range, the other the design speed if it fits. The rows, (n, S + any), begin with Cp at S places."""
     messages = message_set(config.bus)
     message, limit_pa = messages.pressure, messages.pressure_limit_pa
     sender, dynamic_pressure = E2eSender(message.spec), config.operating_point.dynamic_pressure
-    speed = VehicleSpeed(speed_m_per_s=config.operating_point.speed, age_ns=0, density_kg_per_m3=None)
+    design, most = config.operating_point.speed, (SPEED_UNKNOWN - 1) * SPEED_RESOLUTION_M_PER_S
+    speed = VehicleSpeed(speed_m_per_s=design if design <= most else None, age_ns=0, density_kg_per_m3=None)
     speed_sender, freshness = E2eSender(messages.speed.spec), Freshness()
     lines, speeds = list[str](), list[str]()
     key = Key(PLAYED_KEY) if message.spec.is_secured else None

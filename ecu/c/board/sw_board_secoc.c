@@ -82,13 +82,13 @@ int sw_board_authentication(sw_authentication *found)
 void sw_board_keep_freshness(const sw_ecu_state *state)
 {
     const uint32_t latest = newest();
+    const volatile uint32_t *words = record(latest == RECORDS ? 0u : latest);
     const uint64_t pressure = state->pressures.verifier.freshness;
 #if SW_PAST > 0
     const uint64_t speed = state->speed.receiver.verifier.freshness;
 #else
-    const uint64_t speed = 0;
+    const uint64_t speed = latest == RECORDS ? 0u : pair(&words[HEARD_SPEED]); /* for a later release with speeds */
 #endif
-    const volatile uint32_t *words = record(latest == RECORDS ? 0u : latest);
     if (pair(&words[HEARD_PRESSURE]) == pressure && pair(&words[HEARD_SPEED]) == speed) return;
     keep(state->freshness.trip, pressure, speed);
 }

@@ -219,6 +219,7 @@ static int period(int bus, int64_t *due_ns)
 #if SW_SECOC
 
 static const char *freshness_file;
+static unsigned long long heard_speed; /* the stored value, which stays if this release does not need the speed */
 
 /* Reads a key of 32 hexadecimal digits; returns -1 on failure. */
 static int read_key(const char *path, uint8_t key[SW_AES_BYTES])
@@ -264,18 +265,21 @@ static int authenticate(const char *key_file)
     given.trip = (uint32_t)(trip + 1);
     given.heard_pressure = pressure;
     given.heard_speed = speed;
+    heard_speed = speed;
     failed = sw_ecu_authenticate(&ecu, &given);
     memset(given.key, 0, sizeof given.key);
     return failed ? -1 : 0;
 }
 
-static int keep_accepted(void)
+static void keep_accepted(void)
 {
-    unsigned long long speed = 0;
+    unsigned long long speed = heard_speed;
 #if SW_PAST > 0
     speed = ecu.state.speed.receiver.verifier.freshness;
 #endif
-    return keep_freshness(ecu.state.freshness.trip, ecu.state.pressures.verifier.freshness, speed);
+    if (keep_freshness(ecu.state.freshness.trip, ecu.state.pressures.verifier.freshness, speed) != 0) {
+        fprintf(stderr, "%s: the freshness is not kept: %s\n", freshness_file, strerror(errno));
+    }
 }
 
 #endif
@@ -288,11 +292,9 @@ static int shut(int bus, int64_t due_ns)
 #if SW_SECOC
     const sw_secoc secoc = ecu.secoc;
     const sw_freshness freshness = ecu.state.freshness;
-    const int is_kept = keep_accepted() == 0;
     (void)sw_ecu_init(&ecu);
     ecu.secoc = secoc;
     ecu.state.freshness = freshness;
-    if (!is_kept) fprintf(stderr, "%s: the freshness is not kept: %s\n", freshness_file, strerror(errno));
 #else
     (void)sw_ecu_init(&ecu);
 #endif
@@ -354,8 +356,15 @@ int main(int argc, char **argv)
         failed = period(bus, &due_ns) != 0;
         report();
     }
-    if (!failed) failed = shut(bus, due_ns) != 0;
-    if (failed) fprintf(stderr, "the CAN interface fails: %s\n", strerror(errno));
+    int why = errno; /* the reason if the interface failed */
+#if SW_SECOC
+    keep_accepted();
+#endif
+    if (!failed && shut(bus, due_ns) != 0) {
+        failed = 1;
+        why = errno;
+    }
+    if (failed) fprintf(stderr, "the CAN interface fails: %s\n", strerror(why));
     close(bus);
     return failed;
 }

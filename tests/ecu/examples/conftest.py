@@ -27,7 +27,8 @@ both_sets = pytest.mark.parametrize("built_for", ["fd", "classic"], indirect=Tru
 @pytest.fixture(scope="session", params=["fd"])
 def built_for(request) -> tuple[Config, MessageSet]:
     ecu = EcuConfig(sensor_check=SensorCheckConfig(enabled=False))  # the random release has no estimator
-    config = Config(bus=BusConfig(frames=request.param), ecu=ecu)
+    bus = BusConfig(key="bus.key") if request.param == "secured" else BusConfig(frames=request.param)
+    config = Config(bus=bus, ecu=ecu)
     return config, message_set(config.bus)
 
 

@@ -15,12 +15,15 @@ from typing import Any, cast
 
 import pytest
 
+from can_bridge.secoc.key import Key, write_key
+from can_bridge.secoc.node import Authentication
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import MessageSet
 from can_bridge.wire.messages import Mode
 from ecu.in_c.compiler import host_compiler
 from tests.ecu.daemon.driving import Vehicle
 from tests.ecu.examples.conftest import START, both_sets, without
+from tests.ecu.in_c.test_secoc_in_c import SECRET
 
 BUS = Path(__file__).with_name("c").joinpath("bus.c").read_bytes()
 WRAPPED = ("-Wl,--wrap=socket", "-Wl,--wrap=bind", "-Wl,--wrap=ioctl", "-Wl,--wrap=setsockopt")
@@ -58,11 +61,11 @@ def test_without_an_interface_the_linux_program_says_so(linux_program):
 
 
 @contextmanager
-def started(program: Path, bus: socket.socket) -> Iterator[subprocess.Popen[bytes]]:
+def started(program: Path, bus: socket.socket, *others: Path) -> Iterator[subprocess.Popen[bytes]]:
     """The Linux program on this end of the bus; it does not outlive the block."""
     environment = os.environ | {"BUS": str(bus.fileno())}
     with subprocess.Popen(
-        [program, "can0"], env=environment, pass_fds=[bus.fileno()], stderr=subprocess.PIPE
+        [program, "can0", *others], env=environment, pass_fds=[bus.fileno()], stderr=subprocess.PIPE
     ) as running:
         try:
             yield running
@@ -127,3 +130,27 @@ def test_a_bus_that_takes_nothing_does_not_hold_the_linux_program_up(linux_progr
             time.sleep(0.02)
         running.send_signal(signal.SIGTERM)
         assert running.wait(timeout=60) == 0
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("built_for", ["secured"], indirect=True)
+def test_with_a_key_it_keeps_the_freshness_also_if_the_interface_fails(linux_program, built_for, tmp_path):
+    """That of a speed as well, which this release does not need: recorded frames would be accepted again."""
+    config, messages = built_for
+    program = linux_program("ecu_with_a_key", *WRAPPED, bus=BUS)
+    key, kept = tmp_path / "bus.key", tmp_path / "freshness"
+    write_key(key, SECRET)
+    kept.write_text("4 0 7\n")
+    for trip, fails in ((5, False), (6, True)):
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        ours.setblocking(False)
+        vehicle = Vehicle(config, cast(Any, SocketBus(ours, messages)), Authentication(key=Key(SECRET), trip=trip))
+        with ours, theirs, started(program, theirs, key, kept) as running:
+            vehicle.into_control()
+            if fails:
+                ours.close()
+            else:
+                running.send_signal(signal.SIGTERM)
+            assert running.wait(timeout=60) == fails
+        stored, pressure, speed = map(int, kept.read_text().split())
+        assert (stored, pressure >> 32, speed) == (trip, trip, 7)

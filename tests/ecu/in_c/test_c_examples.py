@@ -9,6 +9,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import VehicleSpeed
 from contract.arrays import Array
+from contract.config.operating_point import OperatingPoint
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from ecu.in_c.c_examples import ASKED_FROM, MOST_PERIODS, played_pressures
@@ -49,3 +50,7 @@ def test_each_row_is_a_sound_frame_with_its_pressures_and_one_with_the_design_sp
     pressure, limit = messages.pressure.parse(frame.data), messages.pressure_limit_pa
     assert pressure is not None
     np.testing.assert_allclose(pressure.pressure_pa, [limit, -limit, 0, 0])
+    config = Config(bus=BusConfig(frames=frames), operating_point=OperatingPoint(speed=350.0))
+    assert messages.speed.parse(frames_of(ROWS, config, speed=True)[0].data) == VehicleSpeed(
+        speed_m_per_s=None, age_ns=0
+    )

@@ -161,6 +161,25 @@ def test_the_ecu_sends_and_remembers_what_the_python_ecu_does(release):
     assert c.state.freshness == python.state.freshness == ended.freshness
 
 
+def test_before_power_off_it_shuts_the_jets_by_frames_that_are_accepted(release):
+    """As `docs/how-to/integrate-the-ecu.md` says under "Safe states"."""
+    c, now_ns = CEcu(ecu_sources(release.folder, release.bundle, KEYED), flags=FLAGS, secret=SECRET), 0
+    for now_ns, frames in Sender().periods():
+        c.step(now_ns, frames)
+    state, secoc, ffi = c.ecu.state, c.structs.ffi.buffer(c.structs.ffi.addressof(c.ecu, "secoc")), c.structs.ffi
+    saved = bytes(secoc), bytes(ffi.buffer(ffi.addressof(state.freshness))), state.command_counter, state.status_counter
+    c.lib.sw_ecu_init(c.ecu)
+    assert c.step(now_ns, []) == []
+    c.lib.sw_ecu_init(c.ecu)
+    secoc[:], ffi.buffer(ffi.addressof(state.freshness))[:], state.command_counter, state.status_counter = saved
+    for period in range(3):
+        now_ns += CONFIG.period_ns
+        command, _ = c.step(now_ns, [])
+        assert verify(command.data, SECURED.command.spec, Key(SECRET)) == 1 << 32 | WINDOW + 16 + period
+        parsed = SECURED.command.parse(command.data[: SECURED.command.spec.protected])
+        assert parsed is not None and (parsed.enable, parsed.flow_m2_per_s) == (False, 0.0)
+
+
 def test_without_its_key_it_sends_nothing_and_believes_nothing(release, sources):
     own = ecu_sources(release.folder, release.bundle, KEYED)
     mute, sender = CEcu(own, flags=FLAGS), Sender()

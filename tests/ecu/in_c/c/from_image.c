@@ -7,6 +7,7 @@ int start(sw_ecu *ecu, const uint8_t *image)
     numbers.release = NULL;
     const sw_image_status status = sw_image_open(image, &numbers);
     if (status == SW_IMAGE_OK) sw_ecu_init_of(ecu, &numbers);
+    if (status == SW_IMAGE_OK) sw_ecu_init_of(ecu, &ecu->numbers); /* again, as before power-off */
     if (status != SW_IMAGE_OK && numbers.release != NULL) return -1;
     return (int)status;
 }
