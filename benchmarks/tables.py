@@ -30,7 +30,7 @@ class PageTable(NamedTuple):
 
 TABLES: Final = {
     "attack_tools": PageTable(bus.attack_tools, ("attack_tools",)),
-    "authentication": PageTable(bus.authentication, ("bus", "bus_studies"), "bus"),
+    "authentication": PageTable(bus.authentication, ("bus", "bus_studies"), "bus_studies"),
     "bounds": PageTable(controller.bounds, ("bounds",)),
     "bundle_fuzz": PageTable(release.bundle_fuzz, ("bundle_fuzz",)),
     "bus": PageTable(bus.bus, ("bus", "bus_studies")),

@@ -95,7 +95,7 @@ def _meaning(fd: list[Signal], classic: list[Signal]) -> str:
     it."""
     text, other = (_comment(found) for found in (fd, classic or fd))
     added = [part for part in re.split(r"(?<=[.;,]) ", other) if part.rstrip(".;,") not in text]
-    return f"{text} Classic: {' '.join(added)}" if added else text
+    return f"{text} Classic: {' '.join(added).rstrip(';,')}" if added else text
 
 
 def _comment(found: list[Signal]) -> str:

@@ -47,16 +47,16 @@ the fast average, 1 / (2 FAST_PERIODS - 1), because the estimate of the noise's 
 
 MOVING: Final = 0.4
 """Smallest median of the other sensors' ranges with which a constant reading counts as stuck. Its unit is the standard
-deviation of healthy residuals: 0.015 in Cp. In the shipped recording the median in ten periods is at least 0.022."""
+deviation of healthy residuals: 0.018 in Cp. In the shipped recording the median in ten periods is at least 0.029."""
 
 ALIKE: Final = 0.1
 """Largest rms difference of two sensors' readings over a window at which one may be a copy of the other, in standard
-deviations of healthy sensors' residuals: 0.004 in Cp. The difference of healthy sensors exceeds 0.011."""
+deviations of healthy sensors' residuals: 0.0045 in Cp. The difference of healthy sensors exceeds 0.011."""
 
 COPIED: Final = 2.0
 """Smallest range of a sensor's readings over the window at which another sensor may be its copy, in standard deviations
-of healthy sensors' residuals: 0.08 in Cp. Under control with the shipped release all ranges exceed 0.11; in a calm
-wake, in which mirrored sensors agree, they are below 0.07."""
+of healthy sensors' residuals: 0.09 in Cp. Under control with the shipped release most ranges exceed it; the smallest is
+0.075. In a calm wake, in which mirrored sensors agree, ranges are below 0.07."""
 
 DRIFT_ALLOWED: Final = 4.0
 """Limit for slow means of residuals (64), divided by the limit for fast means. The disagreement of healthy sensors'

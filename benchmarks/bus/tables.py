@@ -43,11 +43,11 @@ def bus(found: Any, studies: Any) -> str:
     """Return the table of the headline figures."""
     figures = found["figures"] | studies["figures"]
     rows = [(text, figures[name]) for name, text in HEADLINES.items()]
-    played = figures["response_time"]
+    played, version = figures["response_time"], studies["facts"]["versions"]["stillwake"]
     return (
-        f"{table(('measured', 'figure'), rows)}\n\n"
-        f"Measured on {found['date']}. Response times: {played['message_sets']} random message sets, "
-        f"{played['frames']} frames;\nwith random phases at most {100 * played['largest_ratio']:.0f} % of the bound."
+        f"{table(('measured', 'figure'), rows)}\n\nMeasured on {found['date']}; codec, bits, random frames and "
+        f"response times with {version}: {played['message_sets']} random\nmessage sets, {played['frames']} frames; "
+        f"with random phases at most {100 * played['largest_ratio']:.0f} % of the bound."
     )
 
 
@@ -65,8 +65,8 @@ def authentication(found: Any, studies: Any) -> str:
     return f"""{table(heads, rows)}
 
 Largest load of the bus by the three messages: {loads}.
-Of {forged["tried"]:,} forged, replayed, reflected and mutated frames {accepted} were accepted; of the
-{forged["genuine"]:,} genuine frames between them {forged["genuine_refused"]} were refused."""
+On {found["date"]}, of {forged["tried"]:,} forged, replayed, reflected and mutated frames {accepted} were accepted; of
+the {forged["genuine"]:,} genuine frames between them {forged["genuine_refused"]} were refused."""
 
 
 _FEW: Final = 4

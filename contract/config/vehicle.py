@@ -134,16 +134,16 @@ class SensorCheckConfig(
     """Whether the ECU checks the pressures with the bundle's estimator, and continues without a faulty sensor."""
     liar_level: Positive[float] = 14.0
     """Ratio at which the ECU no longer uses a sensor. The ratio is the mean squared deviation of this sensor from the
-    other sensors' estimate, divided by the mean squared disagreement of the other sensors. Healthy sensors reach 8."""
+    other sensors' estimate, divided by the mean squared disagreement of the other sensors. Healthy sensors reach 13."""
     bias_level: Positive[float] = 20.0
     """Limit like `liar_level`, but for deviations averaged over two shedding cycles. These averages show small biases
-    and drifts. Healthy sensors reach 16."""
+    and drifts. Healthy sensors reach 14; in one episode, 22."""
     swap_level: Positive[float] = 2.5
     """Ratio at which two sensors are treated as exchanged: the disagreement among the received pressures, divided by
     the disagreement after the two readings are exchanged. Healthy sensors reach 0.9."""
     doubt_level: Positive[float] = 16.0
     """A period is doubtful if the pressures disagree by this level, and no single sensor explains the disagreement.
-    Once the ECU no longer uses a sensor, the limit is twice this value. Healthy sensors reach 12 with forcing outside
+    Once the ECU no longer uses a sensor, the limit is twice this value. Healthy sensors reach 14 with forcing outside
     the range of the training data."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
     """Count of doubtful periods at which the jets go to zero and the fault latches. Any other period subtracts 1 from
@@ -215,16 +215,16 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     latched fault."""
     pressure_age: Annotated[Positive[float], PERIODS] = 1.5
     """Largest age at which pressures may be used for planning, counted from sampling to control step. The default
-    allows one period of waiting for the step, and half a period of transmission. A delay of 20 ms has little effect;
-    with 40 ms the side force grows."""
+    allows one period of waiting for the step, and half a period of transmission. A delay of 20 or 40 ms doubles the
+    side force."""
     loss_window: Annotated[AtLeastOne[int], PERIODS, ours("a second", page=_GATE)] = 50
     """Number of latest periods under control among which `ecu.loss_limit` counts losses."""
     loss_limit: Annotated[int, PERIODS, ours("four sigma above a random loss of 25 %", page=_GATE)] = 25
     """The jets go to zero and the fault latches if this number of the latest `ecu.loss_window` periods had no usable
     pressures. A controller that gets at most every second sample does not control the flow."""
     deadline_misses: Annotated[AtLeastOne[int], STEPS] = 3
-    """The ECU switches itself off if this number of the latest `ecu.deadline_window` steps were mistimed: a period late
-    or half a period early. A number above `ecu.deadline_window` disables the check."""
+    """The ECU switches itself off if this number of the latest `ecu.deadline_window` steps were mistimed: in sum half
+    a period late or early. A number above `ecu.deadline_window` disables the check."""
     deadline_window: Annotated[AtLeastOne[int], STEPS] = 10
     """Number of latest steps among which `ecu.deadline_misses` counts mistimed steps."""
     plan_ahead: Annotated[bool, ours("drag falls more", page="reference/results.md#what-limits-the-reduction")] = True

@@ -62,7 +62,7 @@ def test_every_signal_of_the_dbc_is_where_the_page_has_it():
             assert f"| {message.name} | {freshness.start} | {mac.start} |" in can_messages.trailers()
         for _, group in groupby(signals, key=lambda one: one.name.rstrip("0123456789")):
             first, *others = group
-            (row,) = re.findall(rf"^\| `{first.name}`.*$", header + by_message[name], re.MULTILINE)
+            (row,) = re.findall(rf"^\| `{first.name}`.*[^,;] \|$", header + by_message[name], re.MULTILINE)
             starts = "/".join(str(one.start) for one in (first, *others))
             place = f"{starts}, {'int' if first.is_signed else 'uint'}{first.length}"
             assert re.match(rf"{place}\b", row.split(" | ")[2 if form == "Classic" else 1]), (message.name, row)
