@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from contract.arrays import Array
-from contract.atomic import check_writable, replacing
+from contract.atomic import check_writable, names_in, replacing
 from contract.config.body import TRUCK_BODY
 from contract.config.tree import Config
 from contract.errors import ConfigError, OutputError, PlantError
@@ -127,7 +127,7 @@ class CampaignFolder:
         """Check the folder, without changes. Raises OutputError if it contains foreign files or, without `overwrite`, a
         campaign with another label; StillwakeError if the folder cannot be written."""
         check_writable(self.path, folder=True)
-        if not self.path.exists() or not any(self.path.iterdir()):
+        if not self.path.exists() or not names_in(self.path):
             return
         present = _read(self.label, CAMPAIGN_SCHEMA)
         if present is None:
