@@ -129,12 +129,12 @@ def check_apart(*paths: Path | None) -> None:
             raise OutputError(f"{other}: is {one} or lies in it; name another place")
 
 
-def check_json(path: Path | None, *, own: Path | None = None) -> None:
+def check_json(path: Path | None, *others: Path | None) -> None:
     """Check that a file of figures can be written, and lock its path; an existing file of figures is replaced. Raises
-    OutputError for the path `own`, at which the command writes another file."""
+    OutputError for a path in `others`, at which the command reads or writes another file."""
     if path is not None:
-        if own is not None and leads_to(path) == leads_to(own):
-            raise OutputError(f"--json {path}: this command writes another file there; name another file")
+        if leads_to(path) in map(leads_to, filter(None, others)):
+            raise OutputError(f"--json {path}: this command reads or writes another file there; name another file")
         claim(path)
 
 

@@ -33,6 +33,7 @@ BEFORE = {
     "--require-reduction 0.2": "--require-reduction 0.2: is a number of percent; for 20 % write 20",
     "--drive steady-55": "drive 'steady-55': must be a file ending in .csv, or one of steady-60, ",
     # An ECU in C.
+    "--json out/series.npz": "--json out/series.npz: this command reads or writes another file there",
     "--ecu rust": "--ecu rust: must be one of python, c, mcu, or a clock in MHz as in mcu@300",
     "--ecu c@3": "--ecu c@3: must be one of python, c, mcu",
     "--ecu mcu@fast": "--ecu mcu@fast: 'fast' must be a clock in MHz",
