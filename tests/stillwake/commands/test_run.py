@@ -128,6 +128,7 @@ def test_what_cannot_be_reported_is_refused(all_refused, tmp_path):
         "a b --output x.html": "a/series.npz: not the series of a run",
         "a a/../a --output x.html": "given twice",
         "a b c d e f g --output x.html": "7 runs: between 2 and 6 can be compared on a page",
+        "a --output a/vorticity_controlled.png": "is one of the run's own pictures; give another name",
         "a --output x.xyz": "--output x.xyz: must end in .html, .csv, .png, .pdf, .svg, .mf4, .mcap",
         "a --output x.mf4": "a/series.npz: not the series of a run",
         "a.log": "a.log: is a log; name one log, and --output FILE.mf4",
