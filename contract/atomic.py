@@ -2,16 +2,19 @@
 
 import errno
 import os
+import re
 import shutil
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Final
 
 from contract.errors import StillwakeError
 
 _STREAMS = (1, 2)
 """File descriptors of standard output and standard error."""
+_LEFT: Final = re.compile(r"\..+\.(lock|\d+\.(part|old))", re.DOTALL)
 
 
 def leads_to(path: Path) -> Path:
@@ -133,6 +136,12 @@ def _take_after(new: Path, old: Path) -> None:
             os.chown(new, was.st_uid, was.st_gid)
     with suppress(PermissionError):  # raised by a file system that has no modes
         new.chmod(stat.S_IMODE(was.st_mode))
+
+
+def names_in(folder: Path) -> set[str]:
+    """Return the names in a folder, without the hidden files that a killed process leaves: `.NAME.lock` of an output,
+    `.NAME.PID.part` and `.NAME.PID.old` of this module."""
+    return {item.name for item in folder.iterdir() if not _LEFT.fullmatch(item.name)}
 
 
 def _temporary(path: Path, kind: str) -> Path:

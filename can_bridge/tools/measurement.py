@@ -3,7 +3,8 @@
 A `.mf4` file is for asammdf's window, CANape and vSignalyzer. An `.mcap` file is for Foxglove, Rerun and PlotJuggler.
 
 A node on a real bus writes a text file while it runs, and converts this file to a measurement when it ends. A process
-that is killed leaves the text file `.NAME.PID.log`, in candump's format, in the measurement's folder.
+that is killed leaves the text file `.NAME.PID.log`, in candump's format, in the measurement's folder; a later process
+never replaces this file.
 """
 
 import os
@@ -13,6 +14,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
+from itertools import chain, count
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any, Final
@@ -131,7 +133,10 @@ def live_log(path: Path | None) -> Iterator[Callable[[Frame, bool], None]]:
     check_measurement(path)
     place = leads_to(path)
     place.parent.mkdir(parents=True, exist_ok=True)
-    stream = place.with_name(f".{path.name}.{os.getpid()}.log")
+    # In a container a killed process and the next process often have equal numbers.
+    endings = chain(("",), (f".{number}" for number in count(1)))
+    names = (place.with_name(f".{path.name}.{os.getpid()}{ending}.log") for ending in endings)
+    stream = next(name for name in names if not name.exists())
     log = _Log(stream)
     try:
         try:

@@ -271,10 +271,11 @@ def conduct(
     def developing(scenario: str, t: float, total: float) -> None:
         progress(0, 0, f"the wake of {scenario or 'all'}, {t:.0f} of {total:.0f} t_c")
 
-    starts = {}
+    # The states of a campaign that is being replaced may be at other phases of the cycle.
+    kept, starts = folder if folder.has_starts_of(campaign.label()) else None, {}
     for plant, scenario in plants.items():
         config = replace(campaign.config, flow=plant[0], body=plant[1])
-        starts[plant] = starting_states(folder, config, campaign.phases, scenario, partial(developing, scenario))
+        starts[plant] = starting_states(kept, config, campaign.phases, scenario, partial(developing, scenario))
     digests = {plant: [digest_of(state) for state in states] for plant, states in starts.items()}
     keys = {
         task.name: task.key(campaign.bundle.digest, digests[task.plant][task.phase], version("stillwake"))

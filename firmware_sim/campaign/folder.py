@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from contract.arrays import Array
-from contract.atomic import check_writable, replacing
+from contract.atomic import check_writable, names_in, replacing
 from contract.config.body import TRUCK_BODY
 from contract.config.tree import Config
 from contract.errors import ConfigError, OutputError, PlantError
@@ -127,7 +127,7 @@ class CampaignFolder:
         """Check the folder, without changes. Raises OutputError if it contains foreign files or, without `overwrite`, a
         campaign with another label; StillwakeError if the folder cannot be written."""
         check_writable(self.path, folder=True)
-        if not self.path.exists() or not any(self.path.iterdir()):
+        if not self.path.exists() or not names_in(self.path):
             return
         present = _read(self.label, CAMPAIGN_SCHEMA)
         if present is None:
@@ -137,6 +137,11 @@ class CampaignFolder:
             raise OutputError(
                 f"{self.path}: holds a campaign with other {names}; give --overwrite to replace it, or another folder"
             )
+
+    def has_starts_of(self, label: Mapping[str, Any]) -> bool:
+        """Return whether the initial states in the folder have the program, phases and settings of this label."""
+        present, wanted = _read(self.label, CAMPAIGN_SCHEMA) or {}, _plain(label)
+        return all(present.get(name) == wanted.get(name) for name in ("version", "phases", "settings"))
 
     def claim(self, label: Mapping[str, Any]) -> None:
         """Write the label. First delete the files of another campaign, whose replacement `check` has allowed."""
@@ -193,17 +198,17 @@ def phases_apart(phases: int, config: Config) -> list[int]:
 
 
 def starting_states(
-    folder: CampaignFolder,
+    folder: CampaignFolder | None,
     config: Config,
     phases: int,
     scenario: str = "",
     progress: Callable[[float, float], None] = lambda t, total: None,
 ) -> tuple[State, ...]:
-    """Return the flow states of all starting phases, at time zero with the jets shut. They are read from the folder or
-    computed. For a body other than the truck this takes minutes, and `progress` is called with (time, total time) in
-    t_c. `scenario` is empty for the common plant of the scenarios that have no plant of their own. Raises PlantError if
-    there is no developed wake for the settings."""
-    kept = [_kept(folder.start(number, scenario), config) for number in range(phases)]
+    """Return the flow states of all starting phases, at time zero with the jets shut. They are read from the folder, if
+    any, or computed. For a body other than the truck this takes minutes, and `progress` is called with (time, total
+    time) in t_c. `scenario` is empty for the common plant of the scenarios that have no plant of their own. Raises
+    PlantError if there is no developed wake for the settings."""
+    kept = [] if folder is None else [_kept(folder.start(number, scenario), config) for number in range(phases)]
     whole = [state for state in kept if state is not None]
     if len(whole) == phases:
         return tuple(whole)

@@ -15,7 +15,7 @@ from can_bridge.wire.message_sets import MessageSet
 from can_bridge.wire.messages import Mode, Reason
 from contract import sensors
 from contract.arrays import Array
-from contract.atomic import check_writable, replacing
+from contract.atomic import check_writable, names_in, replacing
 from contract.errors import ConfigError, StillwakeError
 from contract.ledger import LEDGER_FIELDS
 from contract.npz import read_npz
@@ -257,7 +257,7 @@ class RunFolder:
         """Check the folder. Raises StillwakeError if the folder cannot be written, contains other files, or contains a
         run and `overwrite` is False. A folder with only an OpenFOAM case's developed state is accepted."""
         check_writable(self.path, folder=True)
-        there = {item.name for item in self.path.iterdir()} if self.path.is_dir() else set()
+        there = names_in(self.path) if self.path.is_dir() else set()
         holds_a_run = {self.series.name, self.summary.name} & there
         if there - {"openfoam"} and not holds_a_run:
             raise StillwakeError(f"{self.path}: holds files that no run wrote; name another folder")

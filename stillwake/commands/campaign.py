@@ -83,7 +83,8 @@ def campaign(
     folder = CampaignFolder(output)
     claim(output, folder=True)
     folder.check(planned.label(), overwrite=overwrite)
-    check_json(json_file, own=folder.label)  # after the folder's check, because the file may be in the folder
+    # This check is after the folder's check, because the file may be in the folder.
+    check_json(json_file, *scenarios, *vars(folder).values())
     console.print(*describe(release), sep="\n")
     result = _conducted(planned, folder, spread)
 

@@ -6,6 +6,7 @@ from urllib.parse import quote
 
 import typer
 
+from contract.atomic import leads_to
 from contract.errors import ConfigError
 from stillwake.console.outputs import DATASET_SUFFIXES, check_frames, check_output, print_written
 from stillwake.console.terminal import console, listed
@@ -101,6 +102,8 @@ def _writer(run: "RunFolder", output: Path) -> "Callable[[], object]":
     from firmware_sim.runs.run_page.report import write_picture, write_report
     from wake.pictures.drawing import PICTURES
 
+    if leads_to(output) in map(leads_to, (run.uncontrolled_picture, run.controlled_picture)):
+        raise ConfigError(f"--output {output}: is one of the run's own pictures; give another name")
     match output.suffix.lower():
         case ".html":
             return lambda: write_report(run, output)

@@ -103,7 +103,7 @@ def run(
     folder = RunFolder(output)
     claim(output, folder=True)
     folder.check_free(overwrite=overwrite)
-    check_json(json_file, own=folder.summary)
+    check_json(json_file, frames, state, *vars(folder).values())
     check_frames(frames)
     loaded = settings("run", given, uses=(*_USES, *(["openfoam"] if plant == "openfoam" else [])))
     release = open_release(bundle)

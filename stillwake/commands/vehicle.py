@@ -71,7 +71,7 @@ def vehicle(
     bus before the command ends. Exit status 3: no usable command was received. If the bus is lost, the command ends
     with one line and exit status 1, and does not open the bus again.
     """
-    check_json(json_file)
+    check_json(json_file, frames, stage_times, dataset, state)
     check_frames(frames)
     if stage_times is not None:
         claim(stage_times)

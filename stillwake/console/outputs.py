@@ -18,7 +18,7 @@ from itertools import permutations
 from pathlib import Path
 from typing import Any, Final
 
-from contract.atomic import check_writable, leads_to
+from contract.atomic import check_writable, leads_to, names_in
 from contract.errors import OutputError, StillwakeError
 from contract.results import versions, write_result
 from stillwake.console.terminal import console, listed
@@ -113,9 +113,9 @@ def check_output(
         mark: name of a file that every folder of this kind has; a folder without this file is never replaced.
     """
     claim(path, folder=folder)
-    if mark and folder and path.is_dir() and any(path.iterdir()) and not (path / mark).exists():
+    if mark and folder and path.is_dir() and names_in(path) and not (path / mark).exists():
         raise OutputError(f"{path}: holds other files; name another folder")
-    if not overwrite and path.exists() and not (folder and not any(path.iterdir())):
+    if not overwrite and path.exists() and not (folder and not names_in(path)):
         there = occupant or "exists already"
         if overwrite is None:
             raise OutputError(f"{path}: {there}; give another name")
@@ -129,12 +129,12 @@ def check_apart(*paths: Path | None) -> None:
             raise OutputError(f"{other}: is {one} or lies in it; name another place")
 
 
-def check_json(path: Path | None, *, own: Path | None = None) -> None:
+def check_json(path: Path | None, *others: Path | None) -> None:
     """Check that a file of figures can be written, and lock its path; an existing file of figures is replaced. Raises
-    OutputError for the path `own`, at which the command writes another file."""
+    OutputError for a path in `others`, at which the command reads or writes another file."""
     if path is not None:
-        if own is not None and leads_to(path) == leads_to(own):
-            raise OutputError(f"--json {path}: this command writes another file there; name another file")
+        if leads_to(path) in map(leads_to, filter(None, others)):
+            raise OutputError(f"--json {path}: this command reads or writes another file there; name another file")
         claim(path)
 
 

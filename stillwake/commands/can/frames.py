@@ -162,7 +162,7 @@ def decode(
     uses = ("bus.nominal_bitrate", "bus.data_bitrate", "bus.e2e", "bus.key", DIAGNOSIS)
     config = settings("can decode", given, uses=uses).config.bus
     log = CanLog(file, channels=() if channel is None else (channel,))
-    check_json(json_file)
+    check_json(json_file, file, csv_file)
     if csv_file is not None:
         if os.path.realpath(csv_file) == os.path.realpath(file):
             raise BusError(f"{csv_file}: is the file to read; give another name")

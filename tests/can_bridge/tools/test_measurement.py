@@ -1,6 +1,7 @@
 """Measurements of frames: other programs read their signals, value by value."""
 
 import json
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -170,6 +171,15 @@ def test_a_live_log_has_the_frames_of_all_threads_in_the_order_of_time_also_afte
         assert times == sorted(times)
         assert began - 0.01 < times[0] <= times[-1] < time.time() + 0.01
         (tmp_path / name).unlink()
+
+
+def test_the_frames_of_a_killed_process_of_the_same_number_remain(tmp_path):
+    left = tmp_path / f".a.mcap.{os.getpid()}.log"
+    left.write_text("(1.000000) can0 123#11\n")
+    with live_log(tmp_path / "a.mcap") as keep:
+        keep(Frame(frame_id=1, data=b""), True)
+    assert left.read_text() == "(1.000000) can0 123#11\n"
+    assert {path.suffix for path in tmp_path.iterdir()} == {".log", ".mcap", ".json"}
 
 
 def test_a_live_log_that_cannot_be_written_says_so_at_the_end(tmp_path, monkeypatch):

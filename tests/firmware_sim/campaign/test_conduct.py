@@ -10,6 +10,7 @@ from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError, StillwakeError
 from contract.release import bundle
 from firmware_sim.bench.simulation import Spans
+from firmware_sim.campaign import conduct as conducting
 from firmware_sim.campaign.conduct import Campaign, RunTask, conduct, seed_of, settings_of
 from firmware_sim.campaign.folder import CampaignFolder
 from tests.ecu.conftest import make_bundle
@@ -89,6 +90,16 @@ def test_a_stopped_campaign_goes_on_and_runs_again_what_changed_or_did_not_finis
     assert worker.ran == again
     folder.check(fewer.label(), overwrite=False)
     assert folder.finished == 4
+
+
+def test_a_campaign_that_replaces_another_takes_no_start_of_other_phases(
+    campaign, worker, tmp_path, monkeypatch
+) -> None:
+    folder, asked, made = CampaignFolder(tmp_path / "c"), [], conducting.starting_states
+    monkeypatch.setattr(conducting, "starting_states", lambda kept, *of: asked.append(kept) or made(kept, *of))
+    for one in (campaign, campaign, replace(campaign, phases=1)):
+        conduct(one, folder, workers=1)
+    assert asked == [None, folder, None]
 
 
 def test_what_no_run_could_have_is_refused_before_any(campaign, short_release) -> None:

@@ -29,6 +29,9 @@ def test_a_run_is_kept_by_its_key_and_another_campaign_refused_by_what_differs(t
     folder = CampaignFolder(tmp_path / "campaign")
     folder.check(LABEL, overwrite=False)
     assert not folder.path.exists()
+    folder.path.mkdir()
+    (folder.path / ".figures.json.lock").touch()  # of a killed process
+    folder.check(LABEL, overwrite=False)
     folder.claim(LABEL)
     path, without_control = folder.path / "runs" / "one.json", RunOutcome(key="k", figures=phase_of().free.figures)
     for outcome in (without_control, phase_of(in_control=3, latches=1, broken=["it broke"]).under):

@@ -45,6 +45,8 @@ def test_a_saved_run_is_read_back_to_the_bit(log_of, tmp_path):
 
 def test_another_run_is_replaced_only_when_asked_and_a_file_is_no_folder(tmp_path):
     (tmp_path / "openfoam").mkdir()
+    for left in (".run.json.lock", ".run.json.312.part"):  # of a killed process
+        (tmp_path / left).touch()
     for free in (tmp_path, tmp_path / "new"):
         RunFolder(free).check_free(overwrite=False)
     for name in ("series.npz", "summary.json"):

@@ -97,7 +97,7 @@ def test_a_call_that_cannot_be_is_one_line(all_refused, executor) -> None:
             "out --only noize*": "noize",
             "out --scenarios nowhere.toml": "plan nowhere.toml: No such file",
             "out --settle 60": "--settle 60",
-            "out --json out/campaign.json": "--json out/campaign.json: this command writes another file there",
+            "out --json out/campaign.json": "--json out/campaign.json: this command reads or writes another file",
             "out --workers many": "--workers many: must be a number of processes, or an address",
             "out --set train.epochs=3": "train.epochs",
             "out --set flow.control_period=0.3": "control period",

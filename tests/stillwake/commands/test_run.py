@@ -33,6 +33,7 @@ BEFORE = {
     "--require-reduction 0.2": "--require-reduction 0.2: is a number of percent; for 20 % write 20",
     "--drive steady-55": "drive 'steady-55': must be a file ending in .csv, or one of steady-60, ",
     # An ECU in C.
+    "--json out/series.npz": "--json out/series.npz: this command reads or writes another file there",
     "--ecu rust": "--ecu rust: must be one of python, c, mcu, or a clock in MHz as in mcu@300",
     "--ecu c@3": "--ecu c@3: must be one of python, c, mcu",
     "--ecu mcu@fast": "--ecu mcu@fast: 'fast' must be a clock in MHz",
@@ -127,6 +128,7 @@ def test_what_cannot_be_reported_is_refused(all_refused, tmp_path):
         "a b --output x.html": "a/series.npz: not the series of a run",
         "a a/../a --output x.html": "given twice",
         "a b c d e f g --output x.html": "7 runs: between 2 and 6 can be compared on a page",
+        "a --output a/vorticity_controlled.png": "is one of the run's own pictures; give another name",
         "a --output x.xyz": "--output x.xyz: must end in .html, .csv, .png, .pdf, .svg, .mf4, .mcap",
         "a --output x.mf4": "a/series.npz: not the series of a run",
         "a.log": "a.log: is a log; name one log, and --output FILE.mf4",

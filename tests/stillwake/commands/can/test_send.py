@@ -11,6 +11,8 @@ DECODE = {
     "empty.log": "empty.log: holds no CAN frame",
     "cut.blf": "cut.blf: ",
     "good.log --csv good.log": "is the file to read",
+    "good.log --json good.log": "--json good.log: this command reads or writes another file there",
+    "good.log --json both --csv both": "--json both: this command reads or writes another file there",
     "good.log --csv folder": "it is a directory",
     "good.log --json folder": "it is a directory",
     "good.log --set bus.interface=virtual": "`can decode` does not use it",
