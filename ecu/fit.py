@@ -48,6 +48,17 @@ def check_ecu(owner: str, sensors: int, horizon: int, ecu: EcuConfig) -> None:
         )
 
 
+def check_offset(config: Config) -> int:
+    """Return `ecu.step_offset_ms` in ns; raises ConfigError if it is a period or longer."""
+    offset_ns = round(config.ecu.step_offset_ms * 1e6)
+    if offset_ns >= config.period_ns:
+        raise ConfigError(
+            f"ecu.step_offset_ms = {config.ecu.step_offset_ms:g}: must be shorter than the control period of "
+            f"{config.period_ns / 1e6:g} ms"
+        )
+    return offset_ns
+
+
 def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
     """Raise BundleError if a sensor of the controller is missing on the plant or has another position there."""
     manifest = bundle.manifest

@@ -19,11 +19,11 @@ MOST_MODULES = 15
 MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
-    "source": 60_131, "benchmarks": 4_692, "tests": 52_079, "own C": 15_652, "JavaScript": 2_774, "docs": 2_271,
-    "examples": 2_020,
+    "source": 60_223, "benchmarks": 4_692, "tests": 52_350, "own C": 15_671, "JavaScript": 2_774, "docs": 2_271,
+    "examples": 2_022,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""
-MOST_WORDS = 63_973
+MOST_WORDS = 63_996
 """Of the documents, as wc counts them, with what is made in them."""
 STAND_TWICE = {
     "an option, by its word, beside the class or type of what it gives": """Board Bundle Bus Drive Freshness Key

@@ -14,11 +14,11 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
-from contract.errors import ConfigError
 from ecu.daemon.connection import Back, Connection, Lost
 from ecu.daemon.reception import FrameReception
 from ecu.daemon.reporter import Counters
 from ecu.fail_safe import FailSafe
+from ecu.fit import check_offset
 from ecu.pressure_reception import OtherEcu
 from ecu.real_time import clock
 from ecu.real_time.deadlines import Arrivals, Deadlines
@@ -182,17 +182,6 @@ class ControlLoop:
         stages.begin()
         for stage, value in zip(EcuStage, values, strict=True):
             stages.note(stage, value)
-
-
-def check_offset(config: Config) -> int:
-    """Return `ecu.step_offset_ms` in ns; raises ConfigError if it is a period or longer."""
-    offset_ns = round(config.ecu.step_offset_ms * 1e6)
-    if offset_ns >= config.period_ns:
-        raise ConfigError(
-            f"ecu.step_offset_ms = {config.ecu.step_offset_ms:g}: must be shorter than the control period of "
-            f"{config.period_ns / 1e6:g} ms"
-        )
-    return offset_ns
 
 
 def _usage() -> tuple[int, int, int, int]:

@@ -23,12 +23,12 @@ from contract.controller.interface import RunnableController
 from contract.errors import ConfigError
 from contract.release.checks import Bundle
 from ecu.daemon.connection import Connection
-from ecu.daemon.control_loop import ControlLoop, check_offset
+from ecu.daemon.control_loop import ControlLoop
 from ecu.daemon.reception import FrameReception
 from ecu.daemon.reporter import Counters, DatedEvent, Reporter, plain
 from ecu.daemon.systemd import Notifier
 from ecu.ecu import Ecu
-from ecu.fit import check_vehicle
+from ecu.fit import check_offset, check_vehicle
 from ecu.real_time import clock
 from ecu.real_time.privileges import Wanted, in_words, taken
 from ecu.real_time.stage_times import USUAL_PERIODS, EcuStage, PlanTimes, StageTimes, TimedController

@@ -172,11 +172,14 @@ class _Files:
 
     def check_in_c(self, config: Config) -> None:
         """Raise an error for settings that the ECU in C does not support with any release."""
+        from ecu.fit import check_offset
         from ecu.in_c.c_settings import check_settings
 
         if self.fmu is not None and config.bus.key:
             raise ConflictError("bus.key: an FMU has no key to authenticate frames with; leave it empty for --fmu")
         check_settings(config)
+        if self.c is not None:
+            check_offset(config)
 
     def write(self, library: Path, release: Bundle, config: Config) -> None:
         """Write the FMU and the image from a C library, if they were requested."""

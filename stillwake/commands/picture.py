@@ -1,6 +1,7 @@
 """The command that draws the flow: a state, a mean over time, or an animation."""
 
 from math import isfinite
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal, cast
 
@@ -140,14 +141,22 @@ def _time(config: Config, steps: int) -> float:
 
 def actions_of(config: Config, duration: float | None, forcing: str) -> npt.NDArray[np.float64]:
     """Return the actions to command, one per control period: from a forcing, or from a run folder. Raises
-    StillwakeError for a forcing that does not exist, or a run that is shorter than `duration` in t_c."""
+    StillwakeError for a forcing that does not exist, or a run that is shorter than `duration` in t_c, has a drive, or
+    has another body, Reynolds number or control period."""
     asked = None if duration is None else shared.steps_of("--duration", duration, config.flow.control_period)
     if forcing.partition(":")[0] in FORCINGS:
         usual = round(_USUAL_DURATION / config.flow.control_period)
         return _signal(config, usual if asked is None else asked, forcing)
     # Row k has the action reached at t_k. The plant ramps to this action from the action in row k - 1, so the commands
     # are the actions from row 1 on.
-    recorded: npt.NDArray[np.float64] = _run_log(Path(forcing)).series["action"][1:]
+    log = _run_log(Path(forcing))
+    own = log.metadata.config
+    if log.metadata.drive is not None:
+        raise ConfigError(f"--forcing {forcing}: the run has a drive, but a picture has a constant speed")
+    for name in ("body", "flow.reynolds", "flow.control_period"):
+        if (there := attrgetter(name)(own)) != (here := attrgetter(name)(config)):
+            raise ConfigError(f"--forcing {forcing}: {name} is {there} in the run, but {here} in the settings")
+    recorded: npt.NDArray[np.float64] = log.series["action"][1:]
     steps = len(recorded) if asked is None else asked
     if steps > len(recorded):
         raise ConfigError(f"--duration {duration}: the recording holds {_time(config, len(recorded)):g} t_c")

@@ -189,6 +189,12 @@ def _print_vehicle(config: Config, release: Bundle) -> None:
             f"renew ... --set operating_point.speed={point.speed:g}` makes a bundle for this vehicle",
             style="yellow",
         )
+    if (own := release.manifest.control_period) != config.flow.control_period:
+        console.print(
+            f"warning: bundle {release.manifest.name} and its recording have a control period of {own:g} t_c, these "
+            f"settings {config.flow.control_period:g} t_c",
+            style="yellow",
+        )
 
 
 def _live(stack: ExitStack, config: Config, state: Path | None, drive: "Drive | None") -> "Pressures":

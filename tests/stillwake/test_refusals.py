@@ -119,6 +119,7 @@ BEFORE_THE_WORK = {
     "export model --c d": "for the shipped bundle, give --c, --fmu, --image or",
     "export --c d --set ecu.loss_window=65": "ecu.loss_window = 65: the ECU in C accepts at most 64",
     "export model b --fmu d.fmu --set ecu.deadline_window=33": "ecu.deadline_window = 33: the ECU in C",
+    "export --c d --set ecu.step_offset_ms=25": "ecu.step_offset_ms = 25: must be shorter than the control period",
     "export --fmu a.zip": "a.zip: must be a file ending in .fmu",
     "export --for-testers c --overwrite": "c: holds a C library already; name another folder",
     "export --c d --for-testers ./d": "d: is d or lies in it; name another place",

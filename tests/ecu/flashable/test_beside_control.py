@@ -188,9 +188,9 @@ def test_silence_is_for_a_bench_and_never_for_jets_that_can_run(rig):
     assert {status.state for status in rig.statuses[heard[0] :]} <= {Mode.CONTROL, Mode.HOLD, Mode.DECAY}
     assert rig.ask(b"\x28\x01\x01") in (b"\x7f\x28\x22", b"\x7f\x28\x7f")
     # The last command shuts the jets; without it the vehicle would follow the one before.
-    heard = len(rig.commands)
+    driven = len(rig.commands)
     rig.run_asking(False, 200)
-    assert [(c.mode, c.enable, c.flow_m2_per_s) for c in rig.commands[heard:]] == [(Mode.OFF, False, 0.0)]
+    assert [(c.mode, c.enable, c.flow_m2_per_s) for c in rig.commands[driven:]] == [(Mode.OFF, False, 0.0)]
 
 
 def test_without_a_release_that_is_the_fault_and_a_worn_memory_is_reported_once(tmp_path, monkeypatch):

@@ -12,9 +12,10 @@ from contract.release import bundle
 from firmware_sim.bench.simulation import Spans
 from firmware_sim.campaign import conduct as conducting
 from firmware_sim.campaign.conduct import Campaign, RunTask, conduct, seed_of, settings_of
-from firmware_sim.campaign.folder import CampaignFolder
+from firmware_sim.campaign.folder import CampaignFolder, starting_states
 from tests.ecu.conftest import make_bundle
 from tests.firmware_sim.campaign.conftest import Worker, scenario_of
+from wake.truck.state import State
 
 SCENARIOS = (
     scenario_of("undisturbed"),
@@ -95,8 +96,13 @@ def test_a_stopped_campaign_goes_on_and_runs_again_what_changed_or_did_not_finis
 def test_a_campaign_that_replaces_another_takes_no_start_of_other_phases(
     campaign, worker, tmp_path, monkeypatch
 ) -> None:
-    folder, asked, made = CampaignFolder(tmp_path / "c"), [], conducting.starting_states
-    monkeypatch.setattr(conducting, "starting_states", lambda kept, *of: asked.append(kept) or made(kept, *of))
+    folder, asked = CampaignFolder(tmp_path / "c"), list[CampaignFolder | None]()
+
+    def states(kept: CampaignFolder | None, *of: Any) -> tuple[State, ...]:
+        asked.append(kept)
+        return starting_states(kept, *of)
+
+    monkeypatch.setattr(conducting, "starting_states", states)
     for one in (campaign, campaign, replace(campaign, phases=1)):
         conduct(one, folder, workers=1)
     assert asked == [None, folder, None]

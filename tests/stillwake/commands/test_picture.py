@@ -1,5 +1,6 @@
 """`stillwake picture` as a user meets it."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,15 @@ def test_a_replayed_run_reaches_the_actions_that_were_in_force(tmp_path, run_met
     assert actions(forcing=str(tmp_path), duration=0.4).tolist() == in_force[1:3]
     with pytest.raises(StillwakeError, match=r"--duration 2\.0: the recording holds 0\.6 t_c"):
         actions(forcing=str(tmp_path), duration=2.0)
+    own = run_metadata.config
+    slower = replace(run_metadata, config=replace(own, flow=replace(own.flow, control_period=0.1)))
+    for other, message in (
+        (slower, "control_period is 0.1 in the run, but 0.2"),
+        (replace(slower, drive="a"), "drive"),
+    ):
+        run_log.save(tmp_path / "series.npz", replace(log, metadata=other))
+        with pytest.raises(StillwakeError, match=message):
+            actions(forcing=str(tmp_path))
 
 
 def test_actions_that_do_not_exist_are_refused():

@@ -36,11 +36,13 @@ def test_what_cannot_be_is_one_line(all_refused) -> None:
 def test_without_an_ecu_the_status_says_so_and_the_figures_are_written(cli, tmp_path: Path) -> None:
     frames = tmp_path / "f.mf4"
     words = ("--priority", "0", "--periods", "5", "--json", tmp_path / "f.json", "--frames", frames)
-    outcome = cli("vehicle", *VIRTUAL, *words, "--set", "operating_point.speed=12.5")
+    slower = ("--set", "operating_point.speed=12.5", "--set", "flow.control_period=0.4")
+    outcome = cli("vehicle", *VIRTUAL, *words, *slower)
     assert outcome.code == 3
     said = " ".join(outcome.out.split())
     assert "recorded (open loop)" in said
-    assert "vehicle at 12.5 m/s, control period 40 ms, on virtual test-stillwake-vehicle" in said
+    assert "its recording have a control period of 0.2 t_c, these settings 0.4 t_c" in said
+    assert "vehicle at 12.5 m/s, control period 80 ms, on virtual test-stillwake-vehicle" in said
     assert "the pressures do not respond to the jets" in said
     assert f"warning: bundle {open_release(None).manifest.name} is for 2.5 m, 25 m/s" in said
     assert "bundle renew ... --set operating_point.speed=12.5" in said
