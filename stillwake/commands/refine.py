@@ -55,8 +55,7 @@ def refine(
     check_apart(output, json_file)
     check_json(json_file)
     folder_read = shipped_model() if model is None else model
-    if not (output.exists() and output.samefile(folder_read)):
-        check_apart(folder_read, output)
+    check_apart(folder_read, None if output.exists() and output.samefile(folder_read) else output)
     trained = model_store.load(folder_read)
     if dataset is not None and sha256(dataset.read_bytes()).hexdigest() != trained.dataset_sha256:
         raise DatasetError(f"{dataset} is not the recording that the model was fitted to: name that recording")

@@ -33,7 +33,7 @@ def test_reduction_and_use_follow_their_criteria_over_all_phases() -> None:
     ]:
         _, row = rows_of((scenario_of("one"), [phase_of(Cd, abs_Cl=abs_Cl)] * 2))
         assert row.use == use, Cd
-    assert rows_of((scenario_of("one", criteria=Criteria(useful=1.2)), [phase_of()]))[1].use == Use.MARGINAL
+    assert rows_of((scenario_of("one", criteria=Criteria(useful=1.0)), [phase_of(0.81)]))[1].use == Use.MARGINAL
     # Nothing is useful next to a loop that reduces nothing.
     rows = rows_of((scenario_of("one"), [phase_of(0.5)]), undisturbed=[phase_of(1.0)])
     assert [row.use for row in rows] == [Use.NONE, Use.NONE]
