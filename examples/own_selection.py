@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import typer
 
+from contract.errors import StillwakeError
 from contract.recording.dataset import read
 from train.networks.samples import Rows, fit_scaling, prepare
 
@@ -27,12 +28,15 @@ def select_by_forces(rows: Rows, count: int) -> tuple[int, ...]:
 
 
 def main(path: str, count: int) -> None:
-    dataset = read(Path(path))
+    try:
+        dataset = read(Path(path))
+        episodes = dataset.with_role("train")
+        scaling = fit_scaling(episodes, dataset.layout)
+    except StillwakeError as error:
+        sys.exit(f"error: {error}")
     most = len(dataset.layout.names)
     if not 1 <= count <= most:
         raise typer.BadParameter(f"COUNT = {count}: must be from 1 to {most}, the number of sensors")
-    episodes = dataset.with_role("train")
-    scaling = fit_scaling(episodes, dataset.layout)
     rows = prepare(episodes, scaling, mirrored=dataset.layout.mirror is not None, layout=dataset.layout)
     names = (dataset.layout.names[column] for column in select_by_forces(rows, count))
     sys.stdout.write(",".join(names) + "\n")

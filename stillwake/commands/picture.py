@@ -46,7 +46,7 @@ def picture(
     output: Annotated[Path, typer.Argument(help="Still picture (.png, .pdf, .svg) or animation (.gif, .webp).")],
     field: Annotated[Literal["vorticity", "pressure", "mean"], typer.Option(help="Quantity to draw.")] = "vorticity",
     state: shared.State = None,
-    sensors: shared.Sensors = "",
+    sensors: shared.Sensors = None,
     duration: Duration = None,
     settle: Annotated[float, typer.Option(help="Time that runs before the picture begins, t_c.", min=0.0)] = 0.0,
     forcing: Forcing = "none",

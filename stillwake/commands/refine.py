@@ -30,7 +30,7 @@ USES: Final = ("refine", "mpc", "train.seed")
 def refine(
     output: Annotated[Path, typer.Argument(help="Model directory to write.")],
     model: Annotated[Path | None, typer.Option(help="Model directory to refine; default: the shipped one.")] = None,
-    sensors: shared.Sensors = "",
+    sensors: shared.Sensors = None,
     dataset: shared.DataSet = None,
     state: shared.State = None,
     threads: shared.Threads = 1,

@@ -33,7 +33,7 @@ def train(
     output: Annotated[Path, typer.Argument(help="Model directory to write.")],
     dataset: shared.DataSet = None,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
-    sensors: shared.Sensors = "",
+    sensors: shared.Sensors = None,
     quick: Annotated[bool, typer.Option("--quick", help="Train in a third of the time, less accurately.")] = False,
     threads: shared.Threads = 1,
     restart: shared.Restart = False,

@@ -28,7 +28,7 @@ Access = Annotated[
 Slots = Annotated[Path | None, typer.Option("--slots", help="Folder of an ECU (`ecu provision`).", metavar="FOLDER")]
 State = Annotated[Path | None, typer.Option("--state", help="Flow state to begin from (`develop`).", metavar="FILE")]
 DataSet = Annotated[Path | None, typer.Option("--dataset", help="Data set; default: the shipped recording.")]
-Sensors = Annotated[str, typer.Option("--sensors", help="Names of sensors, comma-separated.")]
+Sensors = Annotated[str | None, typer.Option("--sensors", help="Names of sensors, comma-separated.")]
 Drive = Annotated[
     str | None, typer.Option("--drive", help="Speed over time: a shipped drive, or a file.", metavar="NAME|FILE.csv")
 ]
@@ -75,9 +75,9 @@ _LONGEST_S: Final = 1e7
 """Longest time in s that an option accepts: four months. A longer time is a mistake, and clocks may round it."""
 
 
-def names_in(text: str) -> tuple[str, ...] | None:
-    """Return the names of a comma-separated list; None if the text is empty."""
-    return tuple(name.strip() for name in text.split(",")) if text else None
+def names_in(text: str | None) -> tuple[str, ...] | None:
+    """Return the names of a comma-separated list; None without a list."""
+    return None if text is None else tuple(name.strip() for name in text.split(","))
 
 
 def pairs(

@@ -44,6 +44,8 @@ def test_its_script_prints_names_that_train_takes(tmp_path, capsys):
     write(tmp_path / "my.h5", Dataset(episodes=(episode,)))
     own_selection.main(str(tmp_path / "my.h5"), 4)
     assert len(TRUCK.indices(capsys.readouterr().out.strip().split(","))) == 4
+    with pytest.raises(SystemExit, match=r"none\.h5: no such dataset"):
+        own_selection.main(str(tmp_path / "none.h5"), 4)
 
 
 def test_the_oscillator_sheds_at_its_own_frequency_without_jets():

@@ -110,6 +110,7 @@ BEFORE_THE_WORK = {
     "record a.csv": "a.csv: a data set is an HDF5 file; its name must end in .h5 or .hdf5",
     "record a.h5 --under b --overwrite": "--overwrite does not go with --under",
     "train m --sensors upper_99": "unknown sensor 'upper_99'",
+    "train m --sensors=": "unknown sensor ''",
     "train m --dataset nowhere.h5": "nowhere.h5: no such dataset",
     "export": "for the shipped bundle, give --c, --fmu, --image or",
     "export --c d --estimator": "for the shipped bundle, give --c, --fmu, --image or",
