@@ -174,7 +174,10 @@ class VehicleNode:
             self._missed.clear()
             self.has_given_up = False
         self._requested = enable_request and not self.has_given_up
-        pressure_pa = self._read(cp[self._columns], now_ns) * self.operating_point.dynamic_pressure
+        # The transducers measure Pa, so their faults get every pressure in units of one dynamic pressure.
+        scale = self._config.operating_point.dynamic_pressure
+        present = cp[self._columns] * (self.operating_point.dynamic_pressure / scale)
+        pressure_pa = self._read(present, now_ns) * scale
         limit = self._messages.pressure_limit_pa
         message = Pressure(
             pressure_pa=tuple(float(value) for value in np.nan_to_num(np.clip(pressure_pa, -limit, limit), nan=0.0)),
