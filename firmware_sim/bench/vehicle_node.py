@@ -236,8 +236,9 @@ class VehicleNode:
             # the step is limited again, from the action that the jets have reached.
             self._action = self._in_reach_of(self._driven_to, self._action)
         self._driven_to = before if self._next_period else self._action
+        delayed = self._delayed(self._driven_to)  # the driver receives commands also while the jets are stuck
         return Actuation(
-            action=self._delayed(self._driven_to) if self.stuck_at is None else self.stuck_at,
+            action=delayed if self.stuck_at is None else self.stuck_at,
             command=None if command is None else frame,
             sampled_ns=None if command is None else self._echo.sampled_ns,
             next_period=self._next_period,
