@@ -97,14 +97,15 @@ class Drift(OneSensor, section="drift"):
     """Time in s in which the offset grows to its final value."""
 
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
-        ramp = np.linspace(0.0, self.level * GLOBAL_DEVIATION, round(self.over_s * NS / config.period_ns) + 1)
-        step = 0
+        # A drift that takes less than a period is whole from the second reading on.
+        grows, step = max(1, round(self.over_s * NS / config.period_ns)), 0
 
         def drifted(cp: Array) -> Array:
             nonlocal step
-            steps = np.minimum(step + np.arange(len(np.atleast_2d(cp))), len(ramp) - 1)
+            steps = np.minimum(step + np.arange(len(np.atleast_2d(cp))), grows)
             step += len(steps)
-            return _with(cp, at, cp[..., at] + ramp[steps].reshape(*cp.shape[:-1], 1))
+            drift = self.level * GLOBAL_DEVIATION * (steps / grows)
+            return _with(cp, at, cp[..., at] + drift.reshape(*cp.shape[:-1], 1))
 
         return drifted
 

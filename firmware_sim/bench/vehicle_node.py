@@ -174,7 +174,10 @@ class VehicleNode:
             self._missed.clear()
             self.has_given_up = False
         self._requested = enable_request and not self.has_given_up
-        pressure_pa = self._read(cp[self._columns], now_ns) * self.operating_point.dynamic_pressure
+        # The transducers measure Pa, so their faults get every pressure in units of one dynamic pressure.
+        scale = self._config.operating_point.dynamic_pressure
+        present = cp[self._columns] * (self.operating_point.dynamic_pressure / scale)
+        pressure_pa = self._read(present, now_ns) * scale
         limit = self._messages.pressure_limit_pa
         message = Pressure(
             pressure_pa=tuple(float(value) for value in np.nan_to_num(np.clip(pressure_pa, -limit, limit), nan=0.0)),
@@ -233,8 +236,9 @@ class VehicleNode:
             # the step is limited again, from the action that the jets have reached.
             self._action = self._in_reach_of(self._driven_to, self._action)
         self._driven_to = before if self._next_period else self._action
+        delayed = self._delayed(self._driven_to)  # the driver receives commands also while the jets are stuck
         return Actuation(
-            action=self._delayed(self._driven_to) if self.stuck_at is None else self.stuck_at,
+            action=delayed if self.stuck_at is None else self.stuck_at,
             command=None if command is None else frame,
             sampled_ns=None if command is None else self._echo.sampled_ns,
             next_period=self._next_period,

@@ -103,6 +103,12 @@ def test_frame_by_frame_is_as_at_once_and_the_argument_stays():
         np.testing.assert_array_equal(readings, before)
 
 
+def test_a_drift_of_less_than_a_period_or_of_years_is_one():
+    for over_s, expected in ((0.001, [0.0, 1.0, 1.0]), (1e11, [0.0, 2e-13, 4e-13])):
+        drift = Drift(sensor="", level=1.0, over_s=over_s).begun((0,), Config(), 0)
+        assert drift(np.zeros((3, 1)))[:, 0] / GLOBAL_DEVIATION == pytest.approx(expected), over_s
+
+
 def test_noise_has_its_size_and_depends_on_the_seed():
     fault, same, other = (Noise(level=0.5).begun((), Config(), seed) for seed in (2, 2, 3))
     change = fault(READINGS) - READINGS

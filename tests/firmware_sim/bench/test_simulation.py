@@ -61,6 +61,12 @@ def test_each_fault_of_a_sensor_changes_its_readings_in_its_span_and_no_others(c
         # A faster vehicle reads higher pressures.
         ("operating_point:speed=30,density=1.1",): lambda wall: wall / PASCAL * (0.5 * 1.1 * 30.0**2),
     }
+    # Faults of the readings are in Pa, whatever the air's density.
+    dense, wall = "density:density=1.4@0.6..", lambda wall: wall * np.where(k >= 30, 1.4 / 1.2, 1.0)[:, None]
+    cases["quantise:step=50", dense] = lambda given: 50.0 * np.rint(wall(given) / 50.0)
+    cases[f"stuck:sensor={NAMES[0]}@0.4..", dense] = lambda given: np.column_stack(
+        [np.where(after, given[20, 0], given[:, 0]), wall(given)[:, 1:]]
+    )
     for texts, expected in cases.items():
         run = Run(*texts) if texts else calm
         np.testing.assert_allclose(run.read, expected(run.wall), atol=STEP_PA + 1e-9, err_msg=str(texts))

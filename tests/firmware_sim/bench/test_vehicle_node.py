@@ -243,6 +243,16 @@ def test_the_jets_follow_within_their_step_and_after_their_delay():
             assert node.apply_commands([commands(-0.07, enable=False)]).action == 0.0
 
 
+def test_jets_that_were_stuck_go_on_with_the_latest_commands():
+    node, commands = VehicleNode(NAMES, replace(CONFIG, vehicle=VehicleConfig(actuator_delay=2))), Commands()
+    driven = []
+    for period in range(9):
+        request(node, wanted=period < 5)
+        node.stuck_at = 0.05 if 3 <= period < 7 else None
+        driven.append(node.apply_commands([commands(0.03, echo=period)]).action)
+    assert driven == pytest.approx([0.0] * 3 + [0.05] * 4 + [0.0] * 2, abs=2e-6)
+
+
 def test_with_a_key_forged_and_replayed_commands_drive_nothing():
     key, another = Key(b"the nodes' secret"[:16]), Key(b"an attacker's own"[:16])
     config = Config(bus=BusConfig(key="key"))
