@@ -31,6 +31,7 @@ from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import worst_case_ns
 from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.message_specs import MessageSpec
 from contract.config.tree import Config
 from contract.errors import BusError
 from contract.runtime.copies import NeverCopied
@@ -104,7 +105,8 @@ class VirtualLoop(NeverCopied):
         self.now_ns = 0
         self._busy_until_ns = 0
         self._inbox: list[Frame] = []  # frames that the ECU received since its last step
-        self._commands_sent = self._commands_received = self._pressures_received = 0
+        self._commands_sent = self._arrived = 0
+        self._newest = dict[int, bytes]()
 
     def period(self, *, enable_request: bool) -> Row:
         """Advance one control period and return its row."""
@@ -121,9 +123,7 @@ class VirtualLoop(NeverCopied):
         # A frame that arrives at the period's end belongs to the next period.
         self._bus.advance_to(end_ns - 1)
         self._pressures_came()
-        commands = [item for item in self._at_vehicle.receive_all() if self._command.names(item)]
-        self._commands_received += len(commands)
-        actuation = self._node.apply_commands(commands)
+        actuation = self._node.apply_commands(self._received(self._command, self._at_vehicle.receive_all()))
         self._advance_plant(actuation)
         self.now_ns = end_ns
         return self._row(sample, actuation, step_ms, speed)
@@ -137,6 +137,7 @@ class VirtualLoop(NeverCopied):
         self._ecu.restore(replace(fresh, health=state.health))
         self._rejected += rejected - self._ecu.frames_rejected
         self._pressures_came()
+        self._newest.clear()
         self._inbox, self._boots, self._busy_until_ns = [], self._boots + 1, 0
         self._booted_ns = self._bus.now_ns + boot_ns
 
@@ -153,22 +154,26 @@ class VirtualLoop(NeverCopied):
     def totals(self) -> BusTotals:
         """Return the frame counts so far; a frame that is still being transmitted does not count as lost."""
         sent = self._node.frames_sent + self._commands_sent
-        arrived = self._pressures_received + self._commands_received
         rejected = self._rejected + self._ecu.frames_rejected + self._node.frames_rejected
         under_way = sum(self._bus.under_way(spec.frame_id) for spec in (self._pressure, self._command))
-        # A frame with an error in its last bit counts once as sent but arrives twice, so the difference can be
-        # negative.
-        return BusTotals(sent=sent, lost=max(sent - arrived - under_way, 0), rejected=rejected)
+        return BusTotals(sent=sent, lost=max(sent - self._arrived - under_way, 0), rejected=rejected)
+
+    def _received(self, message: MessageSpec, frames: list[Frame]) -> list[Frame]:
+        """Return the frames of a message. They are counted without copies, which a fault or an error in a frame's last
+        bit causes: a copy's bytes equal the frame before it, a new frame has another counter."""
+        found = [frame for frame in frames if message.names(frame)]
+        for frame in found:
+            self._arrived += frame.data != self._newest.get(message.frame_id)
+            self._newest[message.frame_id] = frame.data
+        return found
 
     def _pressures_came(self) -> bool:
         """Put received frames into the ECU's inbox unless the ECU boots; return whether pressures were among them."""
         received = self._at_ecu.receive_all()
         if not self.ecu_is_up:
             return False
-        pressures = sum(map(self._pressure.names, received))
-        self._pressures_received += pressures
         self._inbox += received
-        return pressures > 0
+        return bool(self._received(self._pressure, received))
 
     def _step_ecu(self, now_ns: int) -> float:
         """Step the ECU unless it boots or computes; return the step's wall-clock time in ms, NaN without a step."""

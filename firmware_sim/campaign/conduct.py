@@ -45,7 +45,7 @@ from firmware_sim.runs.run_log import RunLog
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
-_SETTINGS: Final = ("operating_point", "bus", "ecu", "vehicle", "flow.reynolds", "flow.substeps")
+_SETTINGS: Final = ("bus", "ecu", "vehicle", "flow.reynolds", "flow.substeps")
 """Sections and settings that a scenario may change. The controller and its period in t_c are fixed by the release."""
 PlantKey = tuple[FlowConfig, BodyConfig]
 

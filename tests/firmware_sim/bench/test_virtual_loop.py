@@ -134,6 +134,9 @@ def test_frames_that_are_dropped_are_lost_and_damaged_ones_rejected_by_their_rec
         assert asdict(h.loop.totals()) == {"sent": 120, "lost": 0, "rejected": 0, counted: pressures + commands}
         # A period whose command was dropped has no age, and the jets hold.
         assert sum(isnan(row.age_ms) for row in rows) >= commands
+    # Copies of other frames hide no loss.
+    (h := Harness(8.0, "vehicle:duplicate", f"ecu:drop:probability=0.15,frame_ids={JET_COMMAND.frame_id}")).run(60)
+    assert h.loop.totals().lost == h.disturbing.injected()[1].acted > 3
     # Those that come while the ECU is busy are checked too: it steps in every other period, the last included.
     h = faulty("flip_bits:probability=0.3", compute_ms=25.0)
     h.run(61)
