@@ -14,7 +14,7 @@ from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError
 from stillwake.console import options as shared
-from stillwake.console.outputs import check_frames
+from stillwake.console.outputs import check_apart, check_frames, claim
 from stillwake.console.settings import COST_WEIGHTS, DIAGNOSIS, REAL_BUS, settings, with_bus
 from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import console, visible
@@ -185,7 +185,7 @@ def _run_release(
     from ecu.in_c.host_library import open_library
 
     loaded = settings("ecu", given, uses=_USES)
-    _check_freshness(loaded.config, options)
+    _check_files(loaded.config, options)
     release = open_release(bundle, trust)
     calibration = asked_calibration(loaded, release)
     controller: RunnableController = OnnxController.of(release) if library is None else open_library(library, release)
@@ -213,7 +213,7 @@ def _run_store(
 
     uses = (*(name for name in _USES if name != COST_WEIGHTS), DIAGNOSIS)
     config = settings("ecu --slots", given, uses=uses).config
-    _check_freshness(config, options)
+    _check_files(config, options, access)
     folder = read_folder(slots, root=root, hardware=hardware)
     key = AccessKey.read(access)
     with until_stopped() as is_stopped:
@@ -254,9 +254,15 @@ def _run_firmware(
         serve(ecu, port, flash, clock_ns=time.monotonic_ns, wait=lambda: time.sleep(0.001), is_stopped=is_stopped)
 
 
-def _check_freshness(config: Config, options: "ProcessOptions") -> None:
+def _check_files(config: Config, options: "ProcessOptions", *read: Path) -> None:
+    """Check that the process's files and its keys are different files, and lock the files that it writes: of two nodes
+    with one freshness file, each would set back the other's number of power cycles."""
     if options.freshness is not None and not config.bus.key:
         raise ConfigError("--freshness: needs a key, and bus.key is empty")
+    written = (options.metrics, options.stage_times, options.freshness)
+    check_apart(*written, options.frames, *read, Path(config.bus.key) if config.bus.key else None)
+    for path in filter(None, written):
+        claim(path)
 
 
 def _refuse(why: str, **given: Any) -> None:

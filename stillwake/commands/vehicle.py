@@ -12,7 +12,7 @@ from contract.errors import ConfigError
 from contract.release.checks import Bundle
 from contract.shipped import recording
 from stillwake.console import options as shared
-from stillwake.console.outputs import check_frames, check_json, claim, save_json
+from stillwake.console.outputs import check_apart, check_frames, check_json, claim, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import REAL_BUS, settings, with_bus
 from stillwake.console.stopping import until_stopped
@@ -73,10 +73,12 @@ def vehicle(
     """
     check_json(json_file, frames, stage_times, dataset, state)
     check_frames(frames)
-    if stage_times is not None:
-        claim(stage_times)
+    for path in filter(None, (stage_times, freshness)):
+        claim(path)
     live = plant == shared.WAKE
     loaded = settings("vehicle", with_bus(bus, given), uses=_USES)
+    key = loaded.config.bus.key
+    check_apart(json_file, frames, stage_times, freshness, Path(key) if key else None)
     _check_plant(live=live, dataset=dataset, episode=episode, state=state, drive=drive)
     shared.steps_of("--lead-in", lead_in, loaded.config.flow.control_period)
     before_s = lead_in * loaded.config.operating_point.convective_time

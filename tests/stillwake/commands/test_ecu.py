@@ -37,6 +37,8 @@ def test_what_cannot_run_is_one_line(all_refused, short_release):
             "--freshness x": "--freshness: needs a key",
             "--set bus.key=none": "none",
             "--metrics /proc/x": "cannot write /proc/x",
+            "--metrics x --stage-times x": "x: is x or lies in it",
+            "--metrics bus.key --freshness x --set bus.key=bus.key": "bus.key: is bus.key or lies in it",
             "--frames x.blf": "x.blf: a measurement must end in .mf4 or .mcap",
             "--library .": "library .: ",
         },
