@@ -73,6 +73,10 @@ def run_vehicle(
     # A frame arrives when the receive thread reads it, so its wait in the kernel counts as a part of its transmission.
     inbox = Inbox(lambda frame: clock.now_ns(), room=_ROOM)
     with ExitStack() as stack:
+        if store is not None:
+            # Also if the bus or the live wake fails: otherwise recorded commands could be replayed after a restart.
+            keep = store.accepted
+            stack.callback(lambda: keep(*node.accepted_freshness))
         report(f"real time: {in_words(stack.enter_context(taken(course.wanted)))}")
         receiving = stack.enter_context(ReceiveThread(bus, inbox.put))
         first_ns = clock.now_ns() + LEAD_IN_NS
@@ -103,8 +107,6 @@ def run_vehicle(
             if store is not None and begun % WRITTEN_EVERY == 0:
                 store.accepted(*node.accepted_freshness)
         loop.finish()
-    if store is not None:
-        store.accepted(*node.accepted_freshness)
     if times is not None and course.stage_times is not None:
         times.save(course.stage_times)
     if inbox.dropped:

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from can_bridge.wire.messages import Mode
 from contract.config.operating_point import OperatingPoint
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
-from contract.errors import ConfigError
+from contract.errors import ConfigError, PlantError
 from contract.recording.dataset import Dataset
 from ecu.ecu import Ecu
 from ecu.real_time.privileges import Wanted
@@ -107,5 +108,9 @@ def test_with_a_key_both_are_believed_and_the_power_cycles_are_counted(replay, t
             figures = run_vehicle(bus, NAMES, replay, config, course(periods=30, freshness=tmp_path / "vehicle.json"))
         assert figures.commands > 0
         assert f'"trip": {trip}' in (tmp_path / "vehicle.json").read_text(encoding="utf-8")
+    failing, fails = tmp_path / "failing.json", Mock(side_effect=PlantError("made up"))
+    with ecu_on(config, ecu), PythonCanBus.open(config.bus) as bus, pytest.raises(PlantError, match="made up"):
+        run_vehicle(bus, NAMES, replay, config, course(freshness=failing, periods=100), progress=fails)
+    assert '"heard": {}' not in failing.read_text(encoding="utf-8")
     with PythonCanBus.open(config.bus) as bus, pytest.raises(ConfigError, match=r"bus\.key = .*: needs --freshness"):
         run_vehicle(bus, NAMES, replay, config, course())
