@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from can_bridge.bus.heard import Heard
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.message_specs import AGE_RESOLUTION_NS
 from can_bridge.wire.messages import Mode
 from contract.arrays import Array
 from contract.config.tree import Config
@@ -39,6 +40,8 @@ FAREWELL: Final = 3
 LONGEST_FAREWELL: Final = 10
 """Largest number of periods for sending the `FAREWELL` frames: in some periods the live wake may have no pressures."""
 RESOLUTION_NS: Final = 10_000
+LARGEST_AGE_NS: Final = 0xFFFF * AGE_RESOLUTION_NS
+"""Largest age in ns that a frame can state; older values, after a long pause of this process, are not sent."""
 LONGEST_NS: Final = 2_000_000_000
 """Longest time in ns that is counted exactly; a longer time is counted as this time."""
 
@@ -112,7 +115,7 @@ class VehicleFigures:
 
     Attributes:
         left_out: periods that the vehicle did not start, because it was late by at least half a period.
-        unsampled: periods without pressures, because the live wake was late.
+        unsampled: periods without pressures, because the live wake was late, or this process paused.
         misses: periods without a valid command, counted from the first valid command on.
         at_once: commands that acted in the period of their arrival.
         unsent: pressure frames that the bus did not accept.
@@ -260,10 +263,10 @@ class VehicleLoop:
     def _sample(self, due_ns: int, *, enable_request: bool, is_noted: bool = False) -> bool:
         """Send the pressures of this instant; returns whether the bus accepted them."""
         cp = self._pressures.sampled()
-        if cp is None:
+        sampled_ns = self._now_ns()
+        if cp is None or sampled_ns - due_ns > LARGEST_AGE_NS:
             self.figures.unsampled += is_noted
             return False
-        sampled_ns = self._now_ns()
         # The pressures belong to the scheduled instant, so the age that the frame states is the delay of this process.
         frame = self._node.sample(
             np.asarray(cp), enable_request=enable_request, now_ns=due_ns, age_ns=max(0, sampled_ns - due_ns)
@@ -282,7 +285,8 @@ class VehicleLoop:
             self._note(VehicleStage.SAMPLED, sampled_ns)
             self._note(VehicleStage.SENT, self._now_ns())
             self._note(VehicleStage.PRESSURE_COUNTER, self._node.counter_of(frame))
-        speed = self._node.speed_frame(now_ns=due_ns, age_ns=max(0, self._now_ns() - due_ns))
+        age_ns = max(0, self._now_ns() - due_ns)
+        speed = self._node.speed_frame(now_ns=due_ns, age_ns=age_ns) if age_ns <= LARGEST_AGE_NS else None
         if speed is not None:
             with suppress(BusError):  # frames that the bus refuses are counted for pressures only
                 self._send(speed)

@@ -191,6 +191,24 @@ def test_the_end_withdraws_the_request_and_shuts_the_jets() -> None:
     assert real.loop.figures.commands == 19
 
 
+def test_a_pause_for_longer_than_a_frame_can_state_leaves_its_instant_out() -> None:
+    real = MadeUpTime()
+    real.run(5)
+    sampled, send = real.flow.sampled, real.send
+
+    def pause(result: Any) -> Any:
+        real.now_ns += 700_000_000
+        return result
+
+    real.flow.sampled = lambda: pause(sampled())  # type: ignore[method-assign]
+    real.run(1)
+    real.flow.sampled = sampled  # type: ignore[method-assign]
+    assert (real.loop.figures.unsampled, len(real.sent), len(real.speeds)) == (1, 5, 5)
+    real.loop._send = lambda frame: pause(send(frame))
+    real.run(1)
+    assert (real.loop.figures.unsampled, len(real.sent), len(real.speeds)) == (1, 6, 5)
+
+
 def test_a_bus_that_takes_nothing_is_lost_after_a_second() -> None:
     real = MadeUpTime()
     real.run(10)
