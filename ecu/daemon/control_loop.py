@@ -113,6 +113,10 @@ class ControlLoop:
             self._sleep_until(self._deadlines.due_ns)
             self._connection.send(self._ecu.step(self._now_ns(), [], self._connection.health()))
             self._deadlines = self._deadlines.after(self._now_ns())
+        # The file of counters stays after the process, so its mode and action must be of the shut jets.
+        shut = replace(self.counters.state, fail_safe=self._ecu.state.fail_safe)
+        self.counters = replace(self.counters, state=shut, action=self._ecu.trace.action)
+        self._after_step(self._now_ns(), self.counters)
 
     def _look_at_bus(self) -> None:
         match self._connection.look():

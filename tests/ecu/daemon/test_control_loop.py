@@ -143,6 +143,17 @@ def test_a_lost_bus_is_logged_opened_again_and_gives_no_control_back_by_itself(r
     assert rig.commands[-1].mode is Mode.CONTROL
 
 
+def test_the_last_counters_are_of_shut_jets(rig):
+    told = []
+    rig.loop._after_step = lambda now_ns, counters: told.append(counters)
+    rig.into_control()
+    before = told[-1]
+    rig.loop.shut()
+    assert before.action != 0.0 == told[-1].action
+    assert told[-1].state.fail_safe.mode.on_wire is Mode.OFF
+    assert (told[-1].steps, told[-1].state.missed) == (before.steps, before.state.missed)
+
+
 def test_sound_pressures_that_cannot_be_used_are_not_said_to_be_of_another_dbc(rig):
     sample = rig.vehicle.node.sample
     rig.vehicle.node.sample = lambda cp, **of: sample(np.full(sensors.COUNT, np.nan), **of)
