@@ -112,10 +112,11 @@ class Connection:
         return sent
 
     def _not_sent(self, frame: Frame) -> str:
-        if self._bus is None:
+        # The control's thread may find the loss while the diagnosis's thread sends; it then sets `_bus` to None.
+        if (read := self._bus) is None:
             return "the bus is lost"
         try:
-            self._bus.bus.send(frame, timeout_s=SEND_TIMEOUT_S)
+            read.bus.send(frame, timeout_s=SEND_TIMEOUT_S)
         except BusError as error:
             return str(error)
         return ""

@@ -3,6 +3,7 @@
 import os
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import can
 import pytest
@@ -57,6 +58,29 @@ def test_a_bus_that_cannot_be_opened_at_the_start_is_an_error():
     connection = Connection(lambda: PythonCanBus.open(BusConfig(interface="socketcan", channel="no0")), print)
     with pytest.raises(BusError, match="socketcan 'no0'"), connection:
         pass
+
+
+def test_a_loss_that_another_thread_finds_during_a_send_is_no_error():
+    class Racing(Connection):
+        """It loses its bus behind the first look at it."""
+
+        there: Any = None
+
+        @property
+        def _bus(self):
+            found, self.there = self.there, None
+            return found
+
+        @_bus.setter
+        def _bus(self, read):
+            self.there = read
+
+    bus = BusConfig(interface="virtual", channel="racing")
+    connection = Racing(lambda: PythonCanBus.open(bus), print).__enter__()
+    read = connection.there
+    assert connection.send([FRAME])
+    assert not connection.send([FRAME])
+    read.close()
 
 
 def test_attempts_come_ever_more_rarely_and_end_with_the_connection(monkeypatch):
