@@ -80,6 +80,7 @@ class Silence:
             self._is_told = False
         elif not self._is_told:
             new = Counter(rejected) - self._rejected
-            self._report(line(heard, self._wanted, self._messages, new, sender=self._sender))
+            # A copy, because the thread that reads the bus may count further frames meanwhile.
+            self._report(line(Heard(heard), self._wanted, self._messages, new, sender=self._sender))
             self._is_told = True
         self._usable, self._rejected = usable, Counter(rejected)

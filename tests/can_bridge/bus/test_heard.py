@@ -1,6 +1,7 @@
 """What a node hears while nothing usable arrives, in one line; and frames as python-can's messages."""
 
 from dataclasses import replace
+from typing import Any
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -72,3 +73,15 @@ def test_frame_survives_the_conversion(frame, time_ns):
     message._check()
     assert message.bitrate_switch == message.is_fd == frame.is_fd
     assert frame_of(message) == frame
+
+
+def test_frames_that_come_while_the_line_is_made_are_no_error() -> None:
+    class Growing(Heard):
+        def items(self) -> Any:
+            for item in super().items():
+                yield item
+                self[0x7FF, len(self)] += 1
+
+    lines: list[str] = []
+    Silence(FD.pressure.spec, FD, "vehicle", lines.append).look(0, Growing({(0x200, 8): 1}), {})
+    assert [text.endswith("only other nodes are heard, 0x200") for text in lines] == [True]
