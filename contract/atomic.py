@@ -104,11 +104,9 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
     except OSError as error:
         raise StillwakeError(f"cannot write {path}: {error.strerror or error}") from error
     except StillwakeError as error:
-        # The error message must state the final path and not the temporary path.
-        named = str(error).replace(str(temporary), str(path))
-        if named == str(error):
-            raise
-        raise type(error)(named) from error
+        # The error message must state the final path and not the temporary path. Some errors have further arguments.
+        error.args = (str(error).replace(str(temporary), str(path)),)
+        raise
     finally:
         for leftover in (temporary, aside):
             if leftover.is_dir():

@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+import re
 from collections.abc import Mapping
 from datetime import date
 from functools import cache
@@ -22,6 +23,12 @@ def write_result(path: Path, *, figures: Any, facts: Mapping[str, Any], on: date
     content = {"date": on.isoformat(), "figures": figures, "facts": {**facts, "machine": machine()}}
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+def is_result(path: Path) -> bool:
+    """Return whether a file begins as the files of `write_result` do; the file may be large, or no text."""
+    with path.open("rb") as file:
+        return re.match(rb'\s*\{\s*"date":', file.read(80)) is not None
 
 
 def versions(*packages: str) -> dict[str, str]:

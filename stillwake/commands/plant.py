@@ -48,7 +48,7 @@ def develop(
     duration = _USUAL_DURATION if duration is None else duration
     shared.steps_of("--duration", duration, config.flow.control_period)
     check_output(output, overwrite=overwrite)
-    check_json(json_file)
+    check_json(json_file, output)
     if steady:
         settled, grid = settle_into(output, config)
         facts = {"config": asdict(config.flow), "body": asdict(config.body), "grid": list(grid)}

@@ -8,7 +8,7 @@ import typer
 
 from contract.atomic import leads_to
 from contract.errors import ConfigError
-from stillwake.console.outputs import DATASET_SUFFIXES, check_frames, check_output, print_written
+from stillwake.console.outputs import DATASET_SUFFIXES, check_frames, check_output, claim, print_written
 from stillwake.console.terminal import console, listed
 
 if TYPE_CHECKING:
@@ -52,9 +52,13 @@ def report(sources: Sources, outputs: Outputs = []) -> None:  # noqa: B006
             raise ConfigError(f"{len(runs)} runs: name the page that compares them with --output FILE.html")
         if [one.suffix.lower() for one in outputs] != [".html"]:
             raise ConfigError(f"--output {outputs[-1]}: must be one file ending in .html; other formats need one run")
+        claim(outputs[0])
         console.print(f"wrote {write_comparison(runs, outputs[0])}")
         return
-    for output, write in [(one, _writer(runs[0], one)) for one in outputs]:
+    writers = [(one, _writer(runs[0], one)) for one in outputs]
+    for path in outputs or (runs[0].report,):
+        claim(path)
+    for output, write in writers:
         print_written(output, write())
     if not outputs:
         console.print(f"wrote {write_report(runs[0])}")

@@ -20,7 +20,7 @@ from typing import Any, Final
 
 from contract.atomic import check_writable, leads_to, names_in
 from contract.errors import OutputError, StillwakeError
-from contract.results import versions, write_result
+from contract.results import is_result, versions, write_result
 from stillwake.console.terminal import console, listed
 
 DATASET_SUFFIXES: Final = (".h5", ".hdf5")
@@ -131,11 +131,14 @@ def check_apart(*paths: Path | None) -> None:
 
 def check_json(path: Path | None, *others: Path | None) -> None:
     """Check that a file of figures can be written, and lock its path; an existing file of figures is replaced. Raises
-    OutputError for a path in `others`, at which the command reads or writes another file."""
+    OutputError for a path in `others`, at which the command reads or writes another file, and for an existing file with
+    other contents."""
     if path is not None:
         if leads_to(path) in map(leads_to, filter(None, others)):
             raise OutputError(f"--json {path}: this command reads or writes another file there; name another file")
         claim(path)
+        if path.exists() and path.stat().st_size > 0 and not is_result(path):
+            raise OutputError(f"--json {path}: exists, and holds no figures of a command; name another file")
 
 
 def check_frames(path: Path | None) -> None:

@@ -106,6 +106,8 @@ BEFORE_THE_WORK = {
     "picture a.png --duration 1": "--forcing go with --field mean or a moving picture",
     "develop a.npz --steady --duration 3": "--duration 3: does not go with --steady",
     "develop a.npz --json f": "--json: needs --steady",
+    "develop a.npz --steady --json a.npz": "--json a.npz: this command reads or writes another file there",
+    "train m --dataset s.npz --json s.npz": "--json s.npz: exists, and holds no figures of a command",
     "picture a.png --field mean --duration 1 --settle 1": "--settle 1.0: must be shorter",
     "record a.csv": "a.csv: a data set is an HDF5 file; its name must end in .h5 or .hdf5",
     "record a.h5 --under b --overwrite": "--overwrite does not go with --under",

@@ -14,6 +14,7 @@ from contract.config.loading import Loaded
 from contract.errors import ConfigError, DatasetError
 from contract.recording.episode import FACTS
 from stillwake.console import options as shared
+from stillwake.console.outputs import claim
 from stillwake.console.settings import read_settings
 from stillwake.console.terminal import console
 
@@ -136,6 +137,7 @@ def _draw(dataset: "Dataset", path: Path) -> None:
 
     if path.suffix.lower() != ".png":
         raise ConfigError(f"{path}: a picture must end in .png")
+    claim(path)
     layout, first = dataset.layout, dataset.episodes[0]
     figure = Figure(figsize=(8, 9), layout="constrained")
     axes = figure.subplots(4, 1, height_ratios=(2, 1, 1, 1))

@@ -1,11 +1,14 @@
 """The folder of an ECU on a computer: made whole or not at all, never over something, run by one process."""
 
 import os
+import re
+import resource
 from pathlib import Path
 
 import pytest
 from cryptography.hazmat.primitives import serialization
 
+from can_bridge.flashing.backing import MediumError
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError, KeyFileError, OutputError
 from contract.release import signing
@@ -57,6 +60,17 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
         with pytest.raises(error, match=words):
             made(tmp_path, **changes)
         assert not (tmp_path / "ecu").exists(), words
+
+
+def test_a_full_disk_is_named_without_the_temporary_folder(tmp_path: Path) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    try:
+        with pytest.raises(MediumError, match=re.escape(f"store {tmp_path / 'ecu'}/") + ".*: File too large"):
+            made(tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not (tmp_path / "ecu").exists()
 
 
 def test_one_process_runs_it_and_another_identity_or_folder_is_no_ecu(tmp_path: Path) -> None:

@@ -16,6 +16,8 @@ from stillwake.console.start import HOME
 WRITING = (
     *("run PLACE", "run PLACE --overwrite", "campaign PLACE", "train PLACE", "record PLACE.h5"),
     *("develop PLACE.npz --overwrite", "picture PLACE.png", "export --c PLACE", "can load --json PLACE.json"),
+    *("report RUN --output PLACE.csv", "report RUN RUN --output PLACE.html"),
+    "dataset inspect DATA --picture PLACE.png",
 )
 """Of each kind one: what else writes goes through the same functions."""
 HOLDER = """
@@ -29,10 +31,13 @@ sys.stdin.read()
 
 
 @pytest.mark.slow  # every kind of command
-def test_every_command_refuses_a_place_that_another_one_writes_to(cli, tmp_path):
+def test_every_command_refuses_a_place_that_another_one_writes_to(cli, tmp_path, short_recording):
+    places = {"PLACE": str(tmp_path / "out"), "RUN": str(short_recording.parent), "DATA": str(short_recording)}
     for words in WRITING:
-        command = [word.replace("PLACE", str(tmp_path / "out")) for word in words.split()]
-        place = next(Path(word) for word in command if "out" in word)
+        command = words.split()
+        for name, meant in places.items():
+            command = [word.replace(name, meant) for word in command]
+        place = next(Path(word) for word in command if word.startswith(places["PLACE"]))
         lock = place.with_name(f".{place.name}.lock")
         with lock.open("w", buffering=1) as file:
             fcntl.flock(file, fcntl.LOCK_EX)

@@ -20,6 +20,7 @@ DECODE = {
 LOAD = {
     "--set bus.background.dbc=none.dbc": "none.dbc: No such file or directory",
     "--set bus.interface=virtual": "--set bus.interface: `can load` does not use it",
+    "--json cut.blf": "--json cut.blf: exists, and holds no figures of a command; name another file",
     "--set bus.background.load=0.00001": "too small for one message per second",
 }
 MONITOR = {
