@@ -91,11 +91,11 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
             for item in sorted(temporary.iterdir()) if keep else ():
                 _take_after(item, place / item.name)
                 item.replace(place / item.name)
-            if temporary.is_dir() and place.is_dir() and not keep:
-                # A directory cannot be moved onto a directory that is not empty.
-                place.replace(aside)
             if not keep:
-                _take_after(temporary, aside if aside.is_dir() else place)
+                _take_after(temporary, place)
+                if temporary.is_dir() and place.is_dir():
+                    # A directory cannot be moved onto a directory that is not empty.
+                    place.replace(aside)
                 temporary.replace(place)
         except BaseException:
             if aside.is_dir() and not place.exists():

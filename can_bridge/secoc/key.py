@@ -81,8 +81,10 @@ def write_key(path: Path, secret: bytes) -> None:
             file.write(secret.hex() + "\n")
             file.flush()
             os.fsync(file.fileno())
-    except OSError as error:
+    except BaseException as error:
         path.unlink(missing_ok=True)
+        if not isinstance(error, OSError):
+            raise
         raise KeyFileError(f"{path}: cannot write the key ({error.strerror or error})") from error
 
 

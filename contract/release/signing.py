@@ -105,9 +105,11 @@ def write_key_pair(folder: Path, key: Ed25519PrivateKey) -> PublicKey:
             with os.fdopen(os.open(folder / name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
                 written.append(folder / name)
                 file.write(content)
-    except OSError as error:
+    except BaseException as error:  # also a stop: half a pair would block every later call
         for path in written:
             path.unlink(missing_ok=True)
+        if not isinstance(error, OSError):
+            raise
         if isinstance(error, FileExistsError):
             raise KeyFileError(f"{error.filename or folder}: exists already; keys are never overwritten") from error
         if is_new:
