@@ -192,11 +192,14 @@ int sw_board_can_is_idle(void) { return CAN(TXBRP) == 0u || is_off(); }
 void sw_board_can_health(sw_bus_health *health)
 {
     /* A bus-off sets INIT. Clearing INIT begins the recovery, which lasts 128 times eleven recessive bits. The loop
-     * looks for further bus-offs in IR, since INIT, in another clock domain, changes late.
+     * looks for further bus-offs in IR, since INIT, in another clock domain, changes late. If INIT is not set yet, the
+     * event stays in IR for the next call: otherwise nothing would ever begin the recovery.
      */
     for (uint32_t i = 0; i < MOST_BUS_OFFS && (CAN(IR) & IR_BUS_OFF) != 0u; i++) {
+        const int is_stopped = (CAN(CCCR) & CCCR_INIT) != 0u;
+        if (!is_stopped && is_off()) break;
         CAN(IR) = IR_BUS_OFF;
-        if ((CAN(CCCR) & CCCR_INIT) != 0u) {
+        if (is_stopped) {
             if (health->bus_off < UINT32_MAX) health->bus_off++;
             CAN(CCCR) = CCCR_FD_AND_BRS;
         }

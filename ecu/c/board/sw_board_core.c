@@ -13,6 +13,7 @@
 #define RESET_CONTROL SW_BOARD_REGISTER(0xe000ed0cu)
 #define WAKING ((1u << SW_BOARD_CAN_INTERRUPT) | (1u << SW_BOARD_TIMER_INTERRUPT))
 #define WAITS_FOR_RANDOM 1000u
+#define RANDOM_SEED_ERROR 0x44u /* SECS, and SEIS, which stays set until the next reset */
 
 int64_t sw_board_now_ns(void)
 {
@@ -38,8 +39,9 @@ uint32_t sw_board_random(uint8_t *failed)
     uint32_t waits = 0;
     RANDOM_CONTROL = 4u;
     while ((RANDOM_STATUS & 1u) == 0u && waits < WAITS_FOR_RANDOM) waits++;
-    *failed = waits == WAITS_FOR_RANDOM;
-    return RANDOM_DATA;
+    const uint32_t bits = RANDOM_DATA;
+    *failed = waits == WAITS_FOR_RANDOM || (RANDOM_STATUS & RANDOM_SEED_ERROR) != 0u;
+    return bits;
 }
 
 void sw_board_reset(void)

@@ -79,6 +79,7 @@ static int program(void *context, uint32_t address, const uint8_t *word)
     (void)context;
     if (address >= SW_FLASH_SECTOR * SW_BOARD_FLASH_SECTORS || address % SW_FLASH_WORD != 0u || begin() != 0u) return 1;
     FLASH(CR) = CR_64_BITS | CR_PROGRAM;
+    __asm__ volatile("dsb" ::: "memory"); /* the core does not order stores to registers and to memory */
     for (uint32_t i = 0; i < SW_FLASH_WORD; i += 4u) {
         const uint32_t part = word[i] | ((uint32_t)word[i + 1u] << 8) | ((uint32_t)word[i + 2u] << 16) |
                               ((uint32_t)word[i + 3u] << 24);

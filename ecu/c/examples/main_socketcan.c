@@ -221,16 +221,19 @@ static int period(int bus, int64_t *due_ns)
 static const char *freshness_file;
 static unsigned long long heard_speed; /* the stored value, which stays if this release does not need the speed */
 
-/* Reads a key of 32 hexadecimal digits; returns -1 on failure. */
+/* Reads a key of exactly 32 hexadecimal digits; returns -1 on failure. */
 static int read_key(const char *path, uint8_t key[SW_AES_BYTES])
 {
     FILE *file = fopen(path, "r");
     int failed = file == NULL;
     for (int i = 0; i < SW_AES_BYTES && !failed; i++) {
         unsigned byte = 0;
-        failed = fscanf(file, "%2x", &byte) != 1;
+        int length = 0;
+        failed = fscanf(file, "%2x%n", &byte, &length) != 1 || length != 2;
         key[i] = (uint8_t)byte;
     }
+    char more;
+    failed = failed || fscanf(file, " %c", &more) == 1;
     if (file != NULL) fclose(file);
     return failed ? -1 : 0;
 }

@@ -228,6 +228,7 @@ SW_EXPORT fmi3Status fmi3SetFMUState(fmi3Instance fmu, fmi3FMUState state)
 {
     fmu_instance *found = fmu;
     const saved *from = state;
+    if (from == NULL) return fmu_refused(&found->logger, "fmi3SetFMUState: this is no state of this FMU");
     const fmu_memory *kept = &from->kept;
     const int is_timed = kept->next_ns >= 0 && kept->next_ns <= SW_LATEST_NS && fmu_is_number(kept->values[0]) &&
                          fmu_wrong_times(kept->start, false, 0.0) == NULL;
@@ -257,8 +258,8 @@ SW_EXPORT fmi3Status fmi3SerializedFMUStateSize(fmi3Instance fmu, fmi3FMUState s
 SW_EXPORT fmi3Status fmi3SerializeFMUState(fmi3Instance fmu, fmi3FMUState state, fmi3Byte bytes[], size_t size)
 {
     const fmu_instance *found = fmu;
-    if (size < sizeof(saved)) {
-        return fmu_refused(&found->logger, "fmi3SerializeFMUState: less room than fmi3SerializedFMUStateSize");
+    if (state == NULL || size < sizeof(saved)) {
+        return fmu_refused(&found->logger, "fmi3SerializeFMUState: no state, or less than fmi3SerializedFMUStateSize");
     }
     (void)memcpy(bytes, state, sizeof(saved));
     return fmi3OK;

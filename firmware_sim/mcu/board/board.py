@@ -73,7 +73,7 @@ class Board(EmulatedCore):
         super().__init__(firmware, memories, (DTCM, _STACK_BYTES))
         self.poke(BACKUP, backup)
         self._raised = list[Exception]()
-        self.counter, self._registers = Counter(now_ns), CoreRegisters()
+        self.counter, self._registers, self.random = Counter(now_ns), CoreRegisters(), RandomNumbers(seed)
         stamps = StampTimer(lambda: self.counter.now_ns)
         self.can = CanController(lambda: self.counter.now_ns, stamps.count)
         self.flash = FlashController(
@@ -87,7 +87,7 @@ class Board(EmulatedCore):
         self._exchange_pages()
         parts: tuple[tuple[int, int, Part], ...] = (
             (_COUNTER, 0x1000, self.counter),
-            (_RANDOM, 0x1000, RandomNumbers(seed)),
+            (_RANDOM, 0x1000, self.random),
             (_STAMPS, 0x1000, stamps),
             (_CAN, 0x4000, self.can),
             (_FLASH, 0x1000, self.flash),

@@ -41,7 +41,7 @@ _EVER_NS: Final = 1 << 63
 class CanController:
     """The registers and message RAM of a CAN controller; `clock` returns the board's time in ns, `stamps` the external
     counter at such a time. After the firmware clears INIT, `init_reads_late` reads of CCCR still show INIT: the change
-    must pass to another clock domain."""
+    must pass to another clock domain. After a bus-off, `init_sets_late` reads of CCCR do not show INIT yet."""
 
     def __init__(self, clock: Callable[[], int], stamps: Callable[[int], int]) -> None:
         self._clock, self._stamps = clock, stamps
@@ -51,7 +51,7 @@ class CanController:
         self._level = self._get = 0
         self._sending = TransmitBuffers(self._element, self._duration_ns)
         self._health, self._went_off = HEALTHY, 0
-        self.init_reads_late = self._late = 0
+        self.init_reads_late = self._late = self.init_sets_late = self._early = 0
 
     @property
     def bit_rates(self) -> tuple[float, float]:
@@ -68,9 +68,9 @@ class CanController:
 
     def surround(self, health: BusHealth) -> None:
         """Set the error counters to the values that the bus reports; every new bus-off sets INIT."""
-        self._went_off += max(health.bus_off - self._health.bus_off, 0)
-        self._health = health
-        self._go_off()
+        new, self._health = max(health.bus_off - self._health.bus_off, 0), health
+        self._went_off, self._early = self._went_off + new, self.init_sets_late if new else self._early
+        (self._go_off if new else self._switch)()
 
     def receive(self, frame: Frame) -> None:
         """Receive a frame from the bus. Drop the frame if no filter accepts it or FIFO 0 is full."""
@@ -115,7 +115,7 @@ class CanController:
         size = self._kept[_RXF0C] >> 16 & 127
         put = (self._get + self._level) % size if size else 0
         known = self._kept | {
-            _CCCR: self._control | (_INIT if self._late else 0),
+            _CCCR: self._control & ~_INIT if self._early else self._control | (_INIT if self._late else 0),
             _TSCV: self._time_stamp(self._clock()),
             _ECR: min(health.tx_errors, 255) | min(health.rx_errors, 127) << 8 | (health.rx_errors > 127) << 15,
             _PSR: self._is_off << 7 | (passive > 95) << 6 | (passive > 127) << 5,
@@ -128,7 +128,7 @@ class CanController:
         if offset not in known:
             raise McuError(f"CAN controller: no register to read at {offset:#x}")
         if offset == _CCCR:
-            self._late = max(self._late - 1, 0)
+            self._late, self._early = max(self._late - 1, 0), max(self._early - 1, 0)
         return known[offset]
 
     def write(self, offset: int, value: int) -> None:

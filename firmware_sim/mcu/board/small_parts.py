@@ -78,16 +78,20 @@ class StampTimer:
 
 
 class RandomNumbers:
-    """The RNG of an STM32H743 (CR with RNGEN, SR with DRDY, DR); a seed determines its random numbers."""
+    """The RNG of an STM32H743 (CR with RNGEN, SR with DRDY and SEIS, DR); a seed determines its random numbers.
+
+    Attributes:
+        has_seed_error: whether SR reports an error of the seed; DR may then still have a value that must not be used.
+    """
 
     def __init__(self, seed: int) -> None:
-        self._random, self._control = random.Random(seed), 0
+        self._random, self._control, self.has_seed_error = random.Random(seed), 0, False
 
     def read(self, offset: int) -> int:
         enabled = bool(self._control & 4)
         if offset == 8:
             return self._random.getrandbits(32) if enabled else 0
-        return {0: self._control, 4: int(enabled)}[offset]
+        return {0: self._control, 4: int(enabled) | self.has_seed_error << 6}[offset]
 
     def write(self, offset: int, value: int) -> None:
         self._control = value if offset == 0 else self._control

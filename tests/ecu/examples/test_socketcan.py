@@ -154,3 +154,8 @@ def test_with_a_key_it_keeps_the_freshness_also_if_the_interface_fails(linux_pro
             assert running.wait(timeout=60) == fails
         stored, pressure, speed = map(int, kept.read_text().split())
         assert (stored, pressure >> 32, speed) == (trip, trip, 7)
+    for digits in (31, 33, 64):
+        key.write_text(digits * "1" + "\n")
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        with ours, theirs, started(program, theirs, key, kept) as running:
+            assert running.wait(timeout=60) == 1

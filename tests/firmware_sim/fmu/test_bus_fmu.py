@@ -24,7 +24,7 @@ from firmware_sim.bench.ecus import C, loop_ecu
 from firmware_sim.bench.simulation import Simulation, Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from tests.ecu.in_c.exported import CONFIG
-from tests.firmware_sim.fmu.imported import refused
+from tests.firmware_sim.fmu.imported import Imported, refused
 
 pytestmark = pytest.mark.compiler
 
@@ -212,6 +212,19 @@ def test_states_resets_and_instances_are_apart_and_fmpys_defaults_are_served(fmu
             str(path), stop_time=0.1, use_event_mode=events, start_values={"step_offset": 0.001}, output=["mode"]
         )
         assert simulated["time"][-1] == 0.1
+
+
+def test_at_a_start_time_since_1970_it_steps_at_the_same_times(fmu_of):
+    """As doubles such times in s are up to 120 ns off."""
+    path, counts = fmu_of(bus=True)[0], list[list[int]]()
+    for start in (0.0, 1.7e9):
+        imported = Imported(path, start=start)
+        counts.append([])
+        for k in range(100):
+            imported.time = start + k / 1000
+            imported.step(0.001)
+            counts[-1].append(imported["missed"])
+    assert counts[1] == counts[0] and counts[0][-1] == 5
 
 
 def test_a_wrong_call_is_refused_with_a_line_and_changes_nothing(fmu_of, capsys):

@@ -158,6 +158,9 @@ def test_a_state_is_gone_back_to_in_memory_or_by_its_bytes_and_another_fmus_refu
     for damaged in (content[:-1], b"x" + content[1:], bytes(len(content))):
         with pytest.raises(FMICallException):
             imported.fmu.setFMUState(imported.fmu.deserializeFMUState(damaged))
+    for call in (imported.fmu.setFMUState, imported.fmu.serializeFMUState):
+        with pytest.raises(FMICallException):
+            call(None)
     assert imported.saved() == found[0]
     imported.fmu.reset()
     imported.time = 0.0

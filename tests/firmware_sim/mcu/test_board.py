@@ -57,7 +57,7 @@ def step_both(board: BoardEcu, host: CEcu, now_ns: int, frames: Iterable[Frame],
 @fuses
 def test_every_frame_and_state_is_the_hosts(sources):
     """Through losses, a damaged frame, foreign traffic, in flight with other bounds, delay and weights, from a saved
-    state on, and bus-off, whose INIT reads back late."""
+    state on, and bus-off, whose INIT reads back late, or is set late."""
     board, host = BoardEcu(sources), host_of(sources)
     board.board.can.init_reads_late = 20
     own, foreign = board.calibration, [Frame(frame_id=0x123, data=bytes(64))] * 40
@@ -93,6 +93,7 @@ def test_every_frame_and_state_is_the_hosts(sources):
     assert board.board.can.bit_rates == (CONFIG.bus.nominal_bitrate, CONFIG.bus.data_bitrate)
     # A frame that waits while the controller is off would be late: none comes out then or afterwards.
     now_ns += CONFIG.period_ns
+    board.board.can.init_sets_late = 1
     assert board.step(now_ns, [], OFF) == []
     assert len(board.step(now_ns + CONFIG.period_ns, [], BusHealth(bus_off=4))) == 2
     assert (board.status().bus_off, board._pointer("sw_board_lost")) == (4, 2)

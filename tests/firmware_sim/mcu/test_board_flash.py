@@ -137,5 +137,10 @@ def test_what_is_not_modelled_is_an_error_in_one_line(firmware, function, addres
 def test_random_numbers_and_the_reset(firmware):
     numbers = [Driven(firmware, seed=seed).board.call("test_random") for seed in (1, 1, 2)]
     assert numbers[0] == numbers[1] != numbers[2]
+    driven = Driven(firmware)
+    for failed in (False, True):
+        driven.board.random.has_seed_error = failed
+        driven.board.call("test_random")
+        assert driven.board.peek(driven.board.symbol("test_data"), 1) == bytes([failed])
     with pytest.raises(SystemReset):
         Driven(firmware).board.call("test_reset")

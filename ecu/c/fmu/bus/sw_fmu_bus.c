@@ -30,7 +30,6 @@ enum { BIT_ERROR = 1, ACK_ERROR = 5, BROKEN_ERROR_FRAME = 6 };
 enum { PRIMARY = 1, SECONDARY = 2 };
 
 #define HEADER 8u
-#define SAME_NS 100 /* times with a smaller difference count as equal; 100 ns is less than a bit at 8 Mbit/s */
 
 /* --- Operations to be sent --- */
 
@@ -252,7 +251,15 @@ fmi3String fmu_begun(fmu_memory *kept)
     return NULL;
 }
 
-int fmu_is_due(const fmu_memory *kept, double until_ns) { return (double)kept->next_ns <= until_ns + SAME_NS; }
+/* Returns the largest difference in ns of two times that count as equal: 100 ns, which is less than a bit at 8 Mbit/s,
+ * and what a time of day in s loses as a double (2^-53 of it).
+ */
+static double same_ns(const fmu_memory *kept)
+{
+    return 100.0 + 1.2e-7 * (kept->start < 0.0 ? -kept->start : kept->start);
+}
+
+int fmu_is_due(const fmu_memory *kept, double until_ns) { return (double)kept->next_ns <= until_ns + same_ns(kept); }
 
 int fmu_received(fmu_memory *kept, sw_frame frames[FMU_MOST_FRAMES], sw_surroundings *around)
 {
@@ -280,7 +287,8 @@ int fmu_reached(fmu_instance *fmu, double until_ns)
     fmu_side *side = &fmu->kept.side;
     side->reached_ns = (int64_t)(until_ns + 0.5);
     recover(side, side->reached_ns);
-    if (side->waiting > 0 && side->answer_ns <= side->reached_ns + SAME_NS) put_answers(side);
+    const double latest_ns = (double)side->reached_ns + same_ns(&fmu->kept);
+    if (side->waiting > 0 && (double)side->answer_ns <= latest_ns) put_answers(side);
     if (!fmu->has_event_mode) {
         side->tx_bytes = 0; /* no bus is connected */
     } else if (side->has_lost) {
