@@ -233,6 +233,21 @@ def test_packed_numbers_gaps_and_units_are_those_of_cf(tmp_path, layout):
         imported(tmp_path / "a.nc", layout)
 
 
+def test_an_array_has_each_of_its_names_and_a_dimension_has_no_values(tmp_path, layout):
+    values = foreign_plant.series(20, 3)
+    time = values.pop("t")
+    with h5py.File(packed(tmp_path / "a.nc", values, {}), "r+") as file:
+        kept = file.create_dataset("t", shape=(20,), dtype=">f4")
+        kept.attrs["NAME"] = np.bytes_(f"This is a netCDF dimension but not a netCDF variable{20:10d}")
+    np.testing.assert_allclose(imported(tmp_path / "a.nc", layout).episodes[0].series["t"], time, atol=1e-12)
+    for link in (h5py.SoftLink("/clock"), "clock"):
+        with h5py.File(packed(tmp_path / "a.h5", values | {"clock": 1.5 * time}, {}), "r+") as file:
+            file["lost"], file["loop"] = h5py.SoftLink("/none"), h5py.SoftLink("/loop")
+            file["t"] = file[link] if isinstance(link, str) else link
+        with pytest.raises(DatasetError, match="control period"):
+            imported(tmp_path / "a.h5", layout)
+
+
 def test_numbers_in_a_unit_are_divided_by_what_1_is_in_it(tmp_path, layout):
     """Pascals, milliseconds and newtons by the option, by an attribute, or in brackets behind a column's name."""
     values = foreign_plant.series(20, 3)
