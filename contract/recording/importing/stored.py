@@ -208,6 +208,8 @@ def _attributes(node: h5py.Dataset) -> dict[str, Any]:
             found[name] = node.attrs[name]
         except (OSError, RuntimeError, TypeError, ValueError):
             continue  # h5py does not know the attribute's type; no attribute of CF has such a type
+        if isinstance(found[name], h5py.Empty):  # netCDF stores an empty text in this way
+            del found[name]
     fill = node.fillvalue if node.dtype.kind in "fiu" else 0
     return found if not fill or fill != fill else {"_FillValue": fill, **found}
 
