@@ -238,7 +238,9 @@ def _read_matlab(path: Path) -> dict[str, Stored]:
         raise ValueError(f"damaged or not a MATLAB file ({_first_line(error)})") from error
     if found is None:
         raise ValueError(f"holds {values} values: must be at most {MOST_VALUES}")
-    return {name: Stored(values=values) for name, values in _flat(found)}
+    # SciPy makes a list of a cell array that begins with a structure; its other cells may have any shape.
+    arrays = ((name, np.array(one, object) if isinstance(one, list) else one) for name, one in _flat(found))
+    return {name: Stored(values=values) for name, values in arrays}
 
 
 def _flat(found: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:

@@ -311,6 +311,9 @@ def test_matlab_files_old_and_new_are_tables(tmp_path, layout):
         for one in REQUIRED:
             np.testing.assert_array_equal(found.episodes[0].series[one], values[one])
     assert told == ["not used: info/rig, info/q"]
+    cells = np.array([{"rig": 1.0}, np.zeros(3)], dtype=object)
+    savemat(tmp_path / "a.mat", values | {"log": cells})
+    np.testing.assert_array_equal(imported(tmp_path / "a.mat", layout).episodes[0].series["Cp"], values["Cp"])
     savemat(tmp_path / "a.mat", matrix | {"taps": np.array(["elsewhere", *turned[1:]], dtype=object)})
     with pytest.raises(DatasetError, match=f"'taps' contains the columns elsewhere, .*but not the sensor {turned[0]}"):
         imported(tmp_path / "a.mat", layout)
