@@ -93,7 +93,7 @@ class Stored:
         for key in ("missing_value", "_FillValue"):
             found[f"is missing by its {key}"] = np.isin(raw, self._like(path, name, key, raw.dtype))
         if raw.dtype.kind == "f":
-            found[UNWRITTEN] = np.abs(raw) >= 0.99 * DEFAULT_FILL
+            found[UNWRITTEN] = np.abs(raw.astype(np.float64)) >= 0.99 * DEFAULT_FILL
         elif self.netcdf and raw.dtype.kind == "i" and "_FillValue" not in self.attributes:
             default = _DEFAULT_OF_INTEGERS.get(raw.dtype.itemsize)
             found[UNWRITTEN] = raw == default

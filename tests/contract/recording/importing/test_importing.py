@@ -193,6 +193,7 @@ def test_packed_numbers_gaps_and_units_are_those_of_cf(tmp_path, layout):
         (100 * drag, {"units": "%"}),
         (drag, {"units": "", "_FillValue": np.nan, "missing_value": np.array([-99.0, 1e20])}),
         (drag, {"units": h5py.Empty("S1")}),
+        (drag.astype(np.float16), {}),
     ):
         found = imported(packed(tmp_path / "a.h5", values | {"Cd": numbers}, attributes), layout).episodes[0]
         np.testing.assert_allclose(found.series["Cd"], drag, atol=0.0005001)
