@@ -101,6 +101,13 @@ def test_the_frames_of_an_mcap_are_read_as_they_were_given(tmp_path):
         list(CanLog(path))
 
 
+def test_frames_whose_times_go_back_are_written_in_the_order_of_time(tmp_path):
+    sent = log_of(drive("fd", 20, 5))
+    write_measurement(tmp_path / "a.mf4", [*sent[::2], *sent[1::2]])
+    read = list(CanLog(tmp_path / "a.mf4"))
+    assert [bytes(one.data) for one in read] == [bytes(one.data) for one in sent]
+
+
 def test_damaged_frames_are_counted_by_name_and_a_second_channel_has_its_own_group():
     sent = log_of(drive("fd", 20, 4))
     for one in sent[:4:2]:
