@@ -122,7 +122,10 @@ def _frames(kind: str, fields: Mapping[str, Any], start_s: float) -> Iterator[ca
         frame_id, is_rx, fd = of("ID", row), not of("Dir", row), FD_FRAME if of("EDL", row) else 0
         is_extended = bool(of("IDE", row)) if "IDE" in columns else bool(frame_id & _EXTENDED)
         ident = (frame_id & ~_EXTENDED, is_extended)
-        length = entries.length_of(of("DLC", row), is_fd=bool(fd)) if "DLC" in columns else of("DataLength", row)
+        if "DLC" in columns:
+            length = entries.length_of(of("DLC", row), is_fd=bool(fd))
+        else:
+            length = entries.check_length(of("DataLength", row), is_fd=bool(fd))
         if kind == _REMOTE_FRAME:
             yield entries.frame(time_s, channel, ident, None, dlc=length, is_rx=is_rx)
             continue

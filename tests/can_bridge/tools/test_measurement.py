@@ -96,6 +96,9 @@ def test_the_frames_of_an_mcap_are_read_as_they_were_given(tmp_path):
         path.write_bytes(whole[:length])
         with refused(BusError, r"a\.mcap: cannot be read as a CAN log \("):
             list(CanLog(path))
+    write_measurement(path, [can.Message(timestamp=1.0, arbitration_id=1, is_fd=True, data=bytes(9))])
+    with refused(BusError, r"a\.mcap: .* \(9 bytes are not a length of CAN FD"):
+        list(CanLog(path))
     write_measurement(path, [], more=[run])
     with refused(BusError, r"a\.mcap: has no frames of CAN, among 3 messages"):
         list(CanLog(path))
