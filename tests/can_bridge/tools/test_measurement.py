@@ -137,6 +137,9 @@ def test_what_cannot_be_written_is_one_line_and_leaves_what_was_there(tmp_path, 
             write_measurement(tmp_path / name, [])
     with refused(BusError, r"a\.mcap: MCAP has no times before 0, and the first is -1 s"):
         write_measurement(tmp_path / "a.mcap", early)
+    many = [can.Message(timestamp=1.0, arbitration_id=1, channel=f"vcan{k}") for k in range(256)]
+    with refused(BusError, "numbers up to 255 channels, the frames have 256"):
+        write_measurement(tmp_path / "a.mf4", many)
     write_measurement(tmp_path / "a.mf4", early)
     assert next(iter(CanLog(tmp_path / "a.mf4"))).timestamp == -1.0
     with refused(BusError, r"a\.txt: a measurement must end in \.mf4 or \.mcap"):
