@@ -119,10 +119,7 @@ def series_of(
         nominal_s, point = scales.period_s, scales.point
         _check_period(path, interval_s, scales)
     else:
-        # The sender's period is a multiple of 0.1 ms on the sender's clock; on the log's clock it differs a little.
-        nominal_s = round(interval_s, 4) or interval_s
-        nominal_s = nominal_s if abs(interval_s / nominal_s - 1.0) <= _DRIFT else interval_s
-        point = _point_of(path, speeds, nominal_s, scales)
+        nominal_s, point = _nominal(interval_s), scales.point
     stretches, repeated, misplaced = number(log.pressures, period_s=nominal_s, modulus=modulus)
     pressures, sampled_s, stale = zip(*(samples_of(one, log.messages, nominal_s) for one in stretches), strict=True)
     # The sender's period on the log's clock is found by a fit to the longest `FrameStretch`, if it is long enough.
@@ -133,6 +130,10 @@ def series_of(
         if speeds is None:
             _check_drift(path, clock, len(stretches[longest]), scales)
         period_s = clock.period_s
+    if speeds is not None:
+        # Jitter changes the median interval far more than the fitted period.
+        nominal_s = _nominal(period_s)
+        point = _point_of(path, speeds, nominal_s, scales)
     clocks = [clock_of(one, times, period_s) for one, times in zip(stretches, sampled_s, strict=True)]
     pace, start_s = period_s / nominal_s, clocks[0].start_s
     travel = Travel.steady(start_s, point.convective_time * pace)
@@ -196,6 +197,13 @@ def series_of(
         gaps=tuple(cutter.lines),
         checked=(key is not None) if log.messages.pressure.spec.is_secured else None,
     )
+
+
+def _nominal(period_s: float) -> float:
+    """Return the sender's period in s on the sender's clock. It is a multiple of 0.1 ms, from which the period on the
+    log's clock differs a little; otherwise the clocks count as equal."""
+    rounded = round(period_s, 4)
+    return rounded if abs(rounded - period_s) <= _DRIFT * period_s else period_s
 
 
 def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales) -> OperatingPoint:

@@ -10,7 +10,7 @@ from typing import Any, Final
 import can
 import numpy as np
 
-from can_bridge.logs.entries import BRS, ESI, FD_FRAME, ChannelGroup, Entry, LogEvent, error_frame, frame
+from can_bridge.logs.entries import BRS, ESI, FD_FRAME, ChannelGroup, Entry, LogEvent, check_length, error_frame, frame
 from can_bridge.wire.message_specs import SPECS
 from contract.atomic import replacing
 from contract.errors import BusError, install
@@ -140,4 +140,5 @@ def _entry(time_s: float, one: Any) -> Entry:
         return error_frame(time_s, one.channel, one.id)
     fd = FD_FRAME * one.fd | BRS * one.bitrate_switch | ESI * one.error_state_indicator
     data = None if one.remote else one.data
+    check_length(len(data or b""), is_fd=one.fd)
     return frame(time_s, one.channel, (one.id, one.extended), data, fd=fd, is_rx=one.received, dlc=one.dlc)

@@ -36,6 +36,7 @@ _FIELDS: Final[Mapping[str, Mapping[str, str]]] = {
 """Types of a record's fields, by the group's name and the field's name. The field BusChannel is not included."""
 _SMALLEST: Final = 2
 """asammdf's number for compression by transposition and deflate, which the standard allows from version 4.1 on."""
+_MOST_CHANNELS: Final = 255
 _NAMES: Final = {"CAN_OverloadFrame": "overload frame"}
 _EXTENDED: Final = 0x80000000
 _ERROR_TYPES: Final = {**dict.fromkeys((1, 2, 3, 4), entries.PROTOCOL), 5: entries.NO_ACK}
@@ -122,7 +123,10 @@ def _frames(kind: str, fields: Mapping[str, Any], start_s: float) -> Iterator[ca
         frame_id, is_rx, fd = of("ID", row), not of("Dir", row), FD_FRAME if of("EDL", row) else 0
         is_extended = bool(of("IDE", row)) if "IDE" in columns else bool(frame_id & _EXTENDED)
         ident = (frame_id & ~_EXTENDED, is_extended)
-        length = entries.length_of(of("DLC", row), is_fd=bool(fd)) if "DLC" in columns else of("DataLength", row)
+        if "DLC" in columns:
+            length = entries.length_of(of("DLC", row), is_fd=bool(fd))
+        else:
+            length = entries.check_length(of("DataLength", row), is_fd=bool(fd))
         if kind == _REMOTE_FRAME:
             yield entries.frame(time_s, channel, ident, None, dlc=length, is_rx=is_rx)
             continue
@@ -170,9 +174,12 @@ def _kind(message: can.Message) -> str:
 
 
 def _numbers(messages: Sequence[can.Message]) -> dict[str, int]:
-    """Return each channel's number: its name if this is a number below 256, else the first free number from 1 on."""
+    """Return each channel's number: its name if this is a number below 256, else the first free number from 1 on.
+    Raises BusError for too many channels."""
     names = list(dict.fromkeys(str(one.channel or "") for one in messages))
     found = {name: int(name) for name in names if name.isdecimal() and int(name) < 256}
+    if len(names) > _MOST_CHANNELS:
+        raise BusError(f"ASAM MDF numbers up to {_MOST_CHANNELS} channels, the frames have {len(names)}")
     free = (number for number in range(1, 256) if number not in found.values())
     return {name: found[name] if name in found else next(free) for name in names}
 

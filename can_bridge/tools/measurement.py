@@ -74,12 +74,12 @@ def write_measurement(
     Raises StillwakeError as `check_measurement` does, and for times before 0 in an `.mcap` file.
 
     Args:
-        messages: messages in the order of their times.
+        messages: messages in any order; they are written in the order of their times.
         more: groups of channels whose values are not from frames.
         events, facts: see `can_bridge.logs.mcap_file.write_mcap`; they are only written to an `.mcap` file.
     """
     check_measurement(path)
-    listed = list(messages)
+    listed = sorted(messages, key=lambda one: one.timestamp)  # in a log of several buses a time may go back
     groups, skipped = groups_of(listed)
     if not listed and not more:
         raise BusError(f"{path}: there is no frame to write")

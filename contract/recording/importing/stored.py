@@ -93,7 +93,7 @@ class Stored:
         for key in ("missing_value", "_FillValue"):
             found[f"is missing by its {key}"] = np.isin(raw, self._like(path, name, key, raw.dtype))
         if raw.dtype.kind == "f":
-            found[UNWRITTEN] = np.abs(raw) >= 0.99 * DEFAULT_FILL
+            found[UNWRITTEN] = np.abs(raw.astype(np.float64)) >= 0.99 * DEFAULT_FILL
         elif self.netcdf and raw.dtype.kind == "i" and "_FillValue" not in self.attributes:
             default = _DEFAULT_OF_INTEGERS.get(raw.dtype.itemsize)
             found[UNWRITTEN] = raw == default
@@ -130,6 +130,8 @@ _CDF: Final = b"CDF"
 _HDF5: Final = b"\x89HDF"
 _USER_BLOCK: Final = 512
 """Number of bytes that MATLAB writes before the HDF5 file."""
+_DIMENSION: Final = "This is a netCDF dimension but not a netCDF variable"
+"""Text in the attribute NAME of an array that only names a dimension."""
 _TABLES: Final = ("None", "__function_workspace__")
 """Names under which SciPy lists MATLAB's tables and objects, which SciPy cannot read."""
 
@@ -154,18 +156,31 @@ def _read_hdf5(path: Path) -> dict[str, Stored]:
     found: dict[str, Stored] = {}
     try:
         with opened(path) as file:
-            netcdf = "_NCProperties" in file.attrs
-
-            def keep(name: str, node: object) -> None:
-                if isinstance(node, h5py.Dataset) and not name.startswith("#"):
-                    found[name] = Stored(values=_values(file, node), attributes=_attributes(node), netcdf=netcdf)
-
-            file.visititems(keep)
+            netcdf, names, read = "_NCProperties" in file.attrs, list[str](), dict[int, Stored]()
+            # An array may have several names, and a soft link is such a name, too.
+            file.visit_links(names.append)
+            for name in names:
+                if not name.startswith("#") and (node := _array(file, name)) is not None:
+                    place = h5py.h5o.get_info(node.id).addr
+                    if place not in read:
+                        read[place] = Stored(values=_values(file, node), attributes=_attributes(node), netcdf=netcdf)
+                    found[name] = read[place]
             if INITIAL_ACTION in file.attrs:
                 found[INITIAL_ACTION] = Stored(values=file.attrs[INITIAL_ACTION])
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         raise DatasetError(f"{path}: damaged or not an HDF5 file ({_first_line(error)})") from error
     return found
+
+
+def _array(file: h5py.File, name: str) -> h5py.Dataset | None:
+    """Return the array with this name. Return None for a group, for a link that leads nowhere, and for an array without
+    values that netCDF made only to name a dimension."""
+    try:
+        node = file[name]
+    except (KeyError, RuntimeError):
+        return None
+    is_array = isinstance(node, h5py.Dataset) and _DIMENSION not in str(_attributes(node).get("NAME"))
+    return node if is_array else None
 
 
 def _values(file: h5py.File, node: h5py.Dataset) -> Any:
@@ -193,6 +208,8 @@ def _attributes(node: h5py.Dataset) -> dict[str, Any]:
             found[name] = node.attrs[name]
         except (OSError, RuntimeError, TypeError, ValueError):
             continue  # h5py does not know the attribute's type; no attribute of CF has such a type
+        if isinstance(found[name], h5py.Empty):  # netCDF stores an empty text in this way
+            del found[name]
     fill = node.fillvalue if node.dtype.kind in "fiu" else 0
     return found if not fill or fill != fill else {"_FillValue": fill, **found}
 
@@ -221,7 +238,9 @@ def _read_matlab(path: Path) -> dict[str, Stored]:
         raise ValueError(f"damaged or not a MATLAB file ({_first_line(error)})") from error
     if found is None:
         raise ValueError(f"holds {values} values: must be at most {MOST_VALUES}")
-    return {name: Stored(values=values) for name, values in _flat(found)}
+    # SciPy makes a list of a cell array that begins with a structure; its other cells may have any shape.
+    arrays = ((name, np.array(one, object) if isinstance(one, list) else one) for name, one in _flat(found))
+    return {name: Stored(values=values) for name, values in arrays}
 
 
 def _flat(found: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:

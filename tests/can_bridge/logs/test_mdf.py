@@ -126,4 +126,11 @@ def test_what_is_no_log_of_frames_is_one_line(tmp_path, capfd):
         measurement.save(tmp_path / "b.mf4")
     with refused(BusError, r"b\.mf4: has no CAN frames .*; it has record of Wind 5"):
         list(CanLog(tmp_path / "b.mf4"))
+    times, samples = np.arange(2.0), {"ID": np.array([5, 6], "<u4"), "DataLength": np.array([8, 9], "u1")}
+    samples["DataBytes"] = np.zeros((2, 64), "u1")
+    with asammdf.MDF(version="4.10") as measurement:
+        measurement.append([asammdf.Signal(one, times, name=f"CAN_DataFrame.{name}") for name, one in samples.items()])
+        measurement.save(tmp_path / "c.mf4")
+    with refused(BusError, r"c\.mf4: .* \(9 bytes are not a length of classic CAN"):
+        list(CanLog(tmp_path / "c.mf4"))
     assert capfd.readouterr() == ("", "")

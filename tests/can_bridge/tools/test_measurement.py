@@ -96,9 +96,19 @@ def test_the_frames_of_an_mcap_are_read_as_they_were_given(tmp_path):
         path.write_bytes(whole[:length])
         with refused(BusError, r"a\.mcap: cannot be read as a CAN log \("):
             list(CanLog(path))
+    write_measurement(path, [can.Message(timestamp=1.0, arbitration_id=1, is_fd=True, data=bytes(9))])
+    with refused(BusError, r"a\.mcap: .* \(9 bytes are not a length of CAN FD"):
+        list(CanLog(path))
     write_measurement(path, [], more=[run])
     with refused(BusError, r"a\.mcap: has no frames of CAN, among 3 messages"):
         list(CanLog(path))
+
+
+def test_frames_whose_times_go_back_are_written_in_the_order_of_time(tmp_path):
+    sent = log_of(drive("fd", 20, 5))
+    write_measurement(tmp_path / "a.mf4", [*sent[::2], *sent[1::2]])
+    read = list(CanLog(tmp_path / "a.mf4"))
+    assert [bytes(one.data) for one in read] == [bytes(one.data) for one in sent]
 
 
 def test_damaged_frames_are_counted_by_name_and_a_second_channel_has_its_own_group():
@@ -127,6 +137,9 @@ def test_what_cannot_be_written_is_one_line_and_leaves_what_was_there(tmp_path, 
             write_measurement(tmp_path / name, [])
     with refused(BusError, r"a\.mcap: MCAP has no times before 0, and the first is -1 s"):
         write_measurement(tmp_path / "a.mcap", early)
+    many = [can.Message(timestamp=1.0, arbitration_id=1, channel=f"vcan{k}") for k in range(256)]
+    with refused(BusError, "numbers up to 255 channels, the frames have 256"):
+        write_measurement(tmp_path / "a.mf4", many)
     write_measurement(tmp_path / "a.mf4", early)
     assert next(iter(CanLog(tmp_path / "a.mf4"))).timestamp == -1.0
     with refused(BusError, r"a\.txt: a measurement must end in \.mf4 or \.mcap"):

@@ -192,6 +192,8 @@ def test_packed_numbers_gaps_and_units_are_those_of_cf(tmp_path, layout):
         (stored - least, packing | {"add_offset": 1 + 0.001 * least, "_FillValue": np.nan}),
         (100 * drag, {"units": "%"}),
         (drag, {"units": "", "_FillValue": np.nan, "missing_value": np.array([-99.0, 1e20])}),
+        (drag, {"units": h5py.Empty("S1")}),
+        (drag.astype(np.float16), {}),
     ):
         found = imported(packed(tmp_path / "a.h5", values | {"Cd": numbers}, attributes), layout).episodes[0]
         np.testing.assert_allclose(found.series["Cd"], drag, atol=0.0005001)
@@ -231,6 +233,21 @@ def test_packed_numbers_gaps_and_units_are_those_of_cf(tmp_path, layout):
             np.testing.assert_allclose(found.series["Cd"], drag, atol=0.0005001)
     with pytest.raises(DatasetError, match="'Cd' holds a value, -32767, that is the default fill value of netCDF"):
         imported(tmp_path / "a.nc", layout)
+
+
+def test_an_array_has_each_of_its_names_and_a_dimension_has_no_values(tmp_path, layout):
+    values = foreign_plant.series(20, 3)
+    time = values.pop("t")
+    with h5py.File(packed(tmp_path / "a.nc", values, {}), "r+") as file:
+        kept = file.create_dataset("t", shape=(20,), dtype=">f4")
+        kept.attrs["NAME"] = np.bytes_(f"This is a netCDF dimension but not a netCDF variable{20:10d}")
+    np.testing.assert_allclose(imported(tmp_path / "a.nc", layout).episodes[0].series["t"], time, atol=1e-12)
+    for link in (h5py.SoftLink("/clock"), "clock"):
+        with h5py.File(packed(tmp_path / "a.h5", values | {"clock": 1.5 * time}, {}), "r+") as file:
+            file["lost"], file["loop"] = h5py.SoftLink("/none"), h5py.SoftLink("/loop")
+            file["t"] = file[link] if isinstance(link, str) else link
+        with pytest.raises(DatasetError, match="control period"):
+            imported(tmp_path / "a.h5", layout)
 
 
 def test_numbers_in_a_unit_are_divided_by_what_1_is_in_it(tmp_path, layout):
@@ -295,6 +312,9 @@ def test_matlab_files_old_and_new_are_tables(tmp_path, layout):
         for one in REQUIRED:
             np.testing.assert_array_equal(found.episodes[0].series[one], values[one])
     assert told == ["not used: info/rig, info/q"]
+    cells = np.array([{"rig": 1.0}, np.zeros(3)], dtype=object)
+    savemat(tmp_path / "a.mat", values | {"log": cells})
+    np.testing.assert_array_equal(imported(tmp_path / "a.mat", layout).episodes[0].series["Cp"], values["Cp"])
     savemat(tmp_path / "a.mat", matrix | {"taps": np.array(["elsewhere", *turned[1:]], dtype=object)})
     with pytest.raises(DatasetError, match=f"'taps' contains the columns elsewhere, .*but not the sensor {turned[0]}"):
         imported(tmp_path / "a.mat", layout)
