@@ -127,12 +127,14 @@ def series_of(
     longest = max(range(len(stretches)), key=lambda i: len(stretches[i]))
     if len(stretches[longest]) >= SHORTEST_PIECE:
         clock = clock_of(stretches[longest], sampled_s[longest])
+        rows = len(stretches[longest])
         if speeds is None:
-            _check_drift(path, clock, len(stretches[longest]), scales)
+            _check_drift(path, clock, rows, scales)
+        else:
+            # Jitter changes the median interval more than the fitted period.
+            nominal_s = _nominal(clock.period_s, _uncertain(clock, nominal_s * rows))
         period_s = clock.period_s
     if speeds is not None:
-        # Jitter changes the median interval far more than the fitted period.
-        nominal_s = _nominal(period_s)
         point = _point_of(path, speeds, nominal_s, scales)
     clocks = [clock_of(one, times, period_s) for one, times in zip(stretches, sampled_s, strict=True)]
     pace, start_s = period_s / nominal_s, clocks[0].start_s
@@ -199,11 +201,17 @@ def series_of(
     )
 
 
-def _nominal(period_s: float) -> float:
-    """Return the sender's period in s on the sender's clock. It is a multiple of 0.1 ms, from which the period on the
-    log's clock differs a little; otherwise the clocks count as equal."""
+def _nominal(period_s: float, within: float = _DRIFT) -> float:
+    """Return the sender's period in s on the sender's clock: the nearest multiple of 0.1 ms, if the period on the log's
+    clock differs from it by at most the share `within`; otherwise the two clocks count as equal."""
     rounded = round(period_s, 4)
-    return rounded if abs(rounded - period_s) <= _DRIFT * period_s else period_s
+    return rounded if abs(rounded - period_s) <= within * period_s else period_s
+
+
+def _uncertain(clock: SenderClock, duration_s: float) -> float:
+    """Return the largest share by which a fitted period may differ from the nominal period. Jitter at the two ends of
+    a log looks like drift, so the share is larger for a shorter log."""
+    return _DRIFT + clock.jitter_s / (duration_s / 2)
 
 
 def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales) -> OperatingPoint:
@@ -265,8 +273,7 @@ def _check_period(path: Path, interval_s: float, scales: Scales) -> None:
 
 def _check_drift(path: Path, clock: SenderClock, rows: int, scales: Scales) -> None:
     drift = clock.period_s / scales.period_s - 1.0
-    # Jitter at the two ends of a log looks like drift, so the limit on the drift is larger for a shorter log.
-    if abs(drift) > _DRIFT + clock.jitter_s / (scales.period_s * rows / 2):
+    if abs(drift) > _uncertain(clock, scales.period_s * rows):
         raise DatasetError(
             f"{path}: pressures come every {clock.period_s * 1e3:.6g} ms, but the control period is "
             f"{scales.period_s * 1e3:.6g} ms: {drift:+.2%} is no clock drift; correct flow.control_period or "
