@@ -19,7 +19,7 @@ from contract.release.checks import Bundle, Check, dbc_sha256, sha256
 from contract.release.container import read_files
 from contract.release.difference import described, differences, is_image, opened
 from contract.release.key_list import KeyList
-from contract.release.manifest import SpeedRange
+from contract.release.manifest import FIRST_SECURITY_VERSION, SpeedRange
 from contract.release.signing import PublicKey
 from contract.shipped import BUNDLE
 from stillwake.console import options as shared
@@ -46,7 +46,8 @@ DIFFERENT: Final = 1
 
 DataSet = Annotated[Path | None, typer.Option("--dataset", help="Data set for a new sensor estimator; takes minutes.")]
 SecurityVersion = Annotated[
-    int | None, typer.Option(help="An ECU that has confirmed a greater version refuses this bundle.", min=0)
+    int | None,
+    typer.Option(help="An ECU that has confirmed a greater version refuses this.", min=FIRST_SECURITY_VERSION),
 ]
 Speeds = Annotated[
     str | None, typer.Option(metavar="SLOWEST:FASTEST", help="Smaller range of speeds, in design speeds: 0.7:1.3.")

@@ -15,7 +15,7 @@ from contract.config.tree import Config
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
 from stillwake.console import options as shared
-from stillwake.console.outputs import check_frames, check_json, claim, print_written, save_json
+from stillwake.console.outputs import check_apart, check_frames, check_json, claim, print_written, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import VIRTUAL_BUS, settings
 from stillwake.console.terminal import console, print_table, visible
@@ -106,6 +106,8 @@ def run(
     check_json(json_file, frames, state, *vars(folder).values())
     check_frames(frames)
     loaded = settings("run", given, uses=(*_USES, *(["openfoam"] if plant == "openfoam" else [])))
+    key = loaded.config.bus.key
+    check_apart(json_file, frames, state, Path(key) if key else None)
     release = open_release(bundle)
     driven, config = driven_at(drive, loaded.config)
     chosen = {

@@ -201,6 +201,7 @@ def test_a_wrong_call_is_explained(cli, place) -> None:
         "export --fmu d.fmu --set bus.key=k": "bus.key: an FMU has no key",
         "export model b --fmu d.fmu --set bus.key=k": "bus.key",
         "record a.h5 --seed -3": "--seed",
+        "bundle renew a b --name n --key k --security-version 0": "--security-version",
         "bundle verify": "`bundle verify` is `stillwake bundle inspect` now",
         "run x --fault=ecu:drop": "`run --fault` is `--disturb` now",
         "can load --config a.toml": "`--config` is `--set FILE.toml` now",

@@ -34,6 +34,7 @@ BEFORE = {
     "--drive steady-55": "drive 'steady-55': must be a file ending in .csv, or one of steady-60, ",
     # An ECU in C.
     "--json out/series.npz": "--json out/series.npz: this command reads or writes another file there",
+    "--state s.mcap --frames s.mcap": "s.mcap: is s.mcap or lies in it",
     "--ecu rust": "--ecu rust: must be one of python, c, mcu, or a clock in MHz as in mcu@300",
     "--ecu c@3": "--ecu c@3: must be one of python, c, mcu",
     "--ecu mcu@fast": "--ecu mcu@fast: 'fast' must be a clock in MHz",
