@@ -10,6 +10,13 @@
 /* Largest number of periods without pressures that the window may bridge. */
 #define LONGEST_GAP (SW_HOLD_PERIODS + SW_DECAY_PERIODS)
 
+/* Number of rows whose actions a longer delay can bring back into transit: the delay is shorter than the horizon. */
+#if SW_PAST > SW_HORIZON
+#define ACTED SW_HORIZON
+#else
+#define ACTED SW_KEPT
+#endif
+
 /* Limits an index to 0 .. last. */
 static int clipped(int index, int last)
 {
@@ -88,24 +95,27 @@ void sw_memory_commanded(sw_memory *memory, double action)
  */
 void sw_memory_freeze(sw_memory *memory, int frozen)
 {
-    double sent[SW_KEPT + SW_HORIZON]; /* actions of the rows, then actions in transit: a series without a gap */
+    double sent[ACTED + SW_HORIZON]; /* actions of the rows, then actions in transit: a series without a gap */
     float plan[SW_HORIZON];
     const int later = frozen - (int)memory->frozen;
     for (int k = 0; k < SW_HORIZON; k++) {
-        sent[SW_KEPT + k] = memory->under_way[k];
+        sent[ACTED + k] = memory->under_way[k];
         plan[k] = memory->plan[k];
     }
 #if SW_PAST > 0
-    for (int k = 0; k < SW_PAST; k++) sent[k] = memory->past.rows[k][SW_SENSORS] * memory->past.speeds[k];
+    for (int k = 0; k < ACTED; k++) {
+        const int row = SW_PAST - ACTED + k;
+        sent[k] = memory->past.rows[row][SW_SENSORS] * memory->past.speeds[row];
+    }
     if (later != 0) sw_memory_emptied(memory);
 #else
     for (int k = 0; k < SW_WINDOW; k++) sent[k] = memory->window[k][SW_SENSORS];
     for (int k = SW_WINDOW - (int)memory->rows; k < SW_WINDOW; k++) {
-        memory->window[k][SW_SENSORS] = sent[clipped(k - later, SW_KEPT + SW_HORIZON - 1)];
+        memory->window[k][SW_SENSORS] = sent[clipped(k - later, ACTED + SW_HORIZON - 1)];
     }
 #endif
     for (int k = 0; k < SW_HORIZON; k++) {
-        memory->under_way[k] = k <= frozen ? sent[clipped(SW_KEPT + k - later, SW_KEPT + SW_HORIZON - 1)] : 0.0;
+        memory->under_way[k] = k <= frozen ? sent[clipped(ACTED + k - later, ACTED + SW_HORIZON - 1)] : 0.0;
         memory->plan[k] = plan[clipped(k - later, SW_HORIZON - 1)];
     }
     memory->frozen = (uint32_t)frozen;
