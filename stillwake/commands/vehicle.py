@@ -193,8 +193,8 @@ def _print_vehicle(config: Config, release: Bundle) -> None:
         )
     if (own := release.manifest.control_period) != config.flow.control_period:
         console.print(
-            f"warning: bundle {release.manifest.name} and its recording have a control period of {own:g} t_c, these "
-            f"settings {config.flow.control_period:g} t_c",
+            f"warning: bundle {release.manifest.name} is for a control period of {own:g} t_c, these settings have "
+            f"{config.flow.control_period:g} t_c; a recording's rows follow at the settings' period",
             style="yellow",
         )
 

@@ -42,7 +42,7 @@ def test_without_an_ecu_the_status_says_so_and_the_figures_are_written(cli, tmp_
     assert outcome.code == 3
     said = " ".join(outcome.out.split())
     assert "recorded (open loop)" in said
-    assert "its recording have a control period of 0.2 t_c, these settings 0.4 t_c" in said
+    assert "is for a control period of 0.2 t_c, these settings have 0.4 t_c" in said
     assert "vehicle at 12.5 m/s, control period 80 ms, on virtual test-stillwake-vehicle" in said
     assert "the pressures do not respond to the jets" in said
     assert f"warning: bundle {open_release(None).manifest.name} is for 2.5 m, 25 m/s" in said
