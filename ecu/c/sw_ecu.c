@@ -188,10 +188,9 @@ static int32_t steps_of(double flow_m2_per_s)
     const double exact = flow_m2_per_s / SW_FLOW_RESOLUTION;
     const int32_t whole = (int32_t)exact;
     const double rest = exact - (double)whole;
-    const int is_odd = whole % 2 != 0;
-    if (rest > 0.5 || (rest >= 0.5 && is_odd)) return whole + 1;
-    if (rest < -0.5 || (rest <= -0.5 && is_odd)) return whole - 1;
-    return whole;
+    const double least = whole % 2 == 0 ? 0.5 + 0.5 * DBL_EPSILON : 0.5; /* of a rest that is rounded up */
+    if (rest >= least) return whole + 1;
+    return rest <= -least ? whole - 1 : whole;
 }
 
 /* Tells the fail-safe why the gate shut the jets. The fail-safe reports this reason on the bus. */

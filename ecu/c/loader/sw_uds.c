@@ -114,7 +114,7 @@ static uint8_t began(sw_uds *uds, uint8_t *request, uint32_t length, sw_answer *
     if ((service->sessions & 1u << uds->session) == 0u) return SW_NRC_SERVICE_NOT_IN_SESSION;
     if (service->has_sub_function) {
         if (length < 2u) return SW_NRC_INCORRECT_LENGTH;
-        uds->is_quiet = (uint8_t)(uds->is_quiet || (request[1] & SUPPRESS) != 0u);
+        uds->is_quiet = (uint8_t)(uds->is_quiet | (request[1] & SUPPRESS));
         request[1] = (uint8_t)(request[1] & ~SUPPRESS);
     }
     if (service->writes && sw_store_is_erasing(uds->store)) return put_off(uds, request, length);
