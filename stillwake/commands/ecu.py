@@ -91,10 +91,10 @@ def run(
     stopped.
 
     The jets stay shut until the ECU has received a low enable request from the vehicle, and then a high request. In
-    three cases the ECU sends commands that shut the jets: the program ends, also by Ctrl-C or SIGTERM; the bus was
-    lost, and the ECU has opened it again; or another ECU sends commands on the bus. Real-time privileges are used if
-    the system grants them; otherwise a message reports the missing privileges. With bus.key, --freshness is required;
-    only a systemd service with a state directory has a default, which is a file in this directory.
+    three cases the ECU sends commands that shut the jets: the program ends, also by Ctrl-C, SIGTERM or SIGHUP; the bus
+    was lost, and the ECU has opened it again; or another ECU sends commands on the bus. Real-time privileges are used
+    if the system grants them; otherwise a message reports the missing privileges. With bus.key, --freshness is
+    required; only a systemd service with a state directory has a default, which is a file in this directory.
 
     With --slots the command runs the release in a folder. `stillwake ecu provision` makes the folder, `stillwake flash`
     replaces the release over the same bus, and `stillwake calibrate` changes its goal and limits. With --mcu the

@@ -67,9 +67,9 @@ def vehicle(
 
     --freshness is needed with bus.key: the file counts this node's power cycles.
 
-    After Ctrl-C, SIGTERM or the number of periods in --periods, the vehicle withdraws its request for control on the
-    bus before the command ends. Exit status 3: no usable command was received. If the bus is lost, the command ends
-    with one line and exit status 1, and does not open the bus again.
+    After Ctrl-C, SIGTERM, SIGHUP or the number of periods in --periods, the vehicle withdraws its request for control
+    on the bus before the command ends. Exit status 3: no usable command was received. If the bus is lost, the command
+    ends with one line and exit status 1, and does not open the bus again.
     """
     check_json(json_file, frames, stage_times, dataset, state)
     check_frames(frames)

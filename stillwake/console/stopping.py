@@ -1,4 +1,5 @@
-"""The end of a command by Ctrl-C or by SIGTERM: in both cases the command stops and a line states how to continue."""
+"""The end of a command by Ctrl-C, SIGTERM or SIGHUP (the terminal is closed): it stops, and a line states how to
+continue."""
 
 import signal
 import sys
@@ -9,11 +10,13 @@ from typing import Any, Final
 
 INTERRUPTED: Final = 130
 """Exit status after Ctrl-C, as in shells."""
-TERMINATED: Final = 143
-"""Exit status after SIGTERM, as in shells."""
+_STOPS: Final[dict[int, int]] = {
+    signal.Signals[name]: status for name, status in (("SIGTERM", 143), ("SIGHUP", 129)) if hasattr(signal, name)
+}
+"""Other signals that stop a command, and its exit status, as in shells. Windows has no SIGHUP."""
 
-_asked: list[str] = []
-"""Names of the signals that were received."""
+_asked: list[int] = []
+"""Signals that were received."""
 _advice: list[str] = []
 _is_left_to_work = False
 """Whether work in an `until_stopped` block is running. The first signal does not interrupt this work."""
@@ -22,8 +25,8 @@ _hook_before: Callable[["sys.UnraisableHookArgs"], object] = sys.unraisablehook
 
 
 def ends_like_ctrl_c() -> None:
-    """Let SIGTERM raise KeyboardInterrupt, as Ctrl-C does, so that incomplete files are removed; a second SIGTERM kills
-    the process.
+    """Let SIGTERM and SIGHUP raise KeyboardInterrupt, as Ctrl-C does, so that incomplete files are removed; the same
+    signal again kills the process. A signal that is ignored, as SIGHUP is under `nohup`, stays ignored.
 
     Python handles a signal only between two of its own steps, so compiled code or an import ends before the signal is
     handled. Some compiled code treats the KeyboardInterrupt as an error of its own and continues; `until_stopped` and
@@ -37,14 +40,19 @@ def ends_like_ctrl_c() -> None:
     _advice.clear()
 
     def stop(number: int, _frame: Any) -> None:
-        _asked.append(signal.Signals(number).name)
+        _asked.append(number)
         signal.signal(number, signal.SIG_DFL)
         raise KeyboardInterrupt
 
-    signal.signal(signal.SIGTERM, stop)
+    for number in _heeded():
+        signal.signal(number, stop)
     global _hook_before
     if sys.unraisablehook is not _report_lost:
         _hook_before, sys.unraisablehook = sys.unraisablehook, _report_lost
+
+
+def _heeded() -> list[int]:
+    return [number for number in _STOPS if signal.getsignal(number) is not signal.SIG_IGN]
 
 
 def _report_lost(lost: "sys.UnraisableHookArgs") -> None:
@@ -66,13 +74,13 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
         return
     still_wanted()
     came: list[int] = []
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in [signal.SIGINT, *_heeded()]}
 
     def stop(number: int, _frame: Any) -> None:
         came.append(number)
-        # If the work is incomplete, its command raises KeyboardInterrupt. The signal's name determines the exit status.
-        _asked.append(signal.Signals(number).name)
-        signal.signal(number, before[signal.Signals(number)])
+        # If the work is incomplete, its command raises KeyboardInterrupt. The signal determines the exit status.
+        _asked.append(number)
+        signal.signal(number, before[number])
 
     global _is_left_to_work
     for number in before:
@@ -105,7 +113,7 @@ def go_on_with(advice: Callable[[], str]) -> Iterator[None]:
 
 def outcome() -> tuple[int, str]:
     """Return the exit status of a command that was stopped, and the line to print."""
-    status = TERMINATED if "SIGTERM" in _asked else INTERRUPTED
+    status = next((_STOPS[number] for number in _asked if number in _STOPS), INTERRUPTED)
     line = "; ".join(["stopped", *_advice])
     _asked.clear()
     _advice.clear()

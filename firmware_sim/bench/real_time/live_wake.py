@@ -154,8 +154,9 @@ class LiveWake(NeverCopied):
 def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | None) -> None:
     """Run in the solver's process: let the flow develop, then compute one control period for each received action."""
     # A terminal or a service manager may signal all processes, but the vehicle itself ends this process.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
     stay_ordinary()
     from firmware_sim.bench.disturbing import driving
     from wake.plants import open_plant

@@ -16,7 +16,7 @@ from stillwake.console.progress import progress
 @pytest.fixture(autouse=True)
 def signals() -> Iterator[None]:
     """Signals end the test's command as they end every command, and afterwards do again what they did."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     hook = sys.unraisablehook
     signal.signal(signal.SIGINT, signal.default_int_handler)
     stopping.ends_like_ctrl_c()
@@ -28,7 +28,7 @@ def signals() -> Iterator[None]:
 
 
 def test_a_stopped_command_clears_away_and_prints_how_to_go_on(capsys):
-    for number, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143)):
+    for number, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)):
         cleared: list[bool] = []
 
         def wait(number: int = number, cleared: list[bool] = cleared) -> None:
@@ -43,12 +43,21 @@ def test_a_stopped_command_clears_away_and_prints_how_to_go_on(capsys):
         assert capsys.readouterr().err == "stopped; the same command continues\n"
         # The advice is given once, and a second SIGTERM would kill.
         assert stopping.outcome() == (130, "stopped")
-    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    assert signal.getsignal(signal.SIGTERM) is signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
+
+
+def test_under_nohup_a_closed_terminal_stops_nothing() -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    stopping.ends_like_ctrl_c()
+    with stopping.until_stopped() as is_stopped:
+        signal.raise_signal(signal.SIGHUP)
+        assert not is_stopped()
+    assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
 
 
 def test_work_that_a_stop_ends_well_is_asked_once_and_stopped_by_the_second() -> None:
     theirs = {one: signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)}
-    for number, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143)):
+    for number, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)):
         stopping.ends_like_ctrl_c()
         with stopping.until_stopped() as is_stopped:
             assert not is_stopped()
