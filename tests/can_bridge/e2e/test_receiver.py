@@ -180,11 +180,6 @@ def test_frame_that_fails_is_an_error_and_changes_no_counter():
     assert valid_receiver().tick([replace(frame(10), is_extended=True)]).checks == (FrameCheck.NO_NEW_DATA,)
 
 
-def test_silence_and_failing_frames_begin_no_stream():
-    made = E2eReceiver(PRESSURE, CONFIG)
-    assert all(made.tick(frames).stream is NODATA for frames in ([], [frame(1, good=False)]))
-
-
 def test_several_frames_in_a_period_are_all_checked_and_the_newest_good_one_counts():
     made = valid_receiver()
     reception = made.tick([frame(10), frame(11, time_ns=1), frame(11, time_ns=2), frame(12, good=False)])

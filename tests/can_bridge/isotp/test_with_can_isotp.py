@@ -96,19 +96,6 @@ def test_messages_of_every_length_and_block_size_arrive_whole():
             exchange(Connection(replace(settings, block_size=block_size), blocksize=block_size), 4095)
 
 
-def test_each_side_hears_the_others_overflow():
-    connection = Connection(FD)
-    connection.tester.send(bytes(4096))
-    connection.run()
-    assert connection.ecu.take() == []
-    assert [type(error) for error in connection.errors] == [isotp.errors.OverflowError]
-    connection = Connection(FD, max_frame_size=100)
-    connection.ecu.send(bytes(101))
-    connection.run()
-    assert connection.tester.recv() is None
-    assert not connection.ecu.is_sending
-
-
 @examples(50)
 @given(
     settings=st.sampled_from(SETTINGS),

@@ -280,15 +280,3 @@ def test_tables_that_python_can_writes_are_read(tmp_path):
         write(tmp_path / f"b{suffix}", [can.Message(is_fd=True, dlc=10, data=bytes(10))])
         with refused(BusError, "10 bytes are not a length of CAN FD"):
             list(CanLog(tmp_path / f"b{suffix}"))
-
-
-def test_a_channel_is_chosen_by_its_name(tmp_path):
-    sent = frames()
-    lines = [*candump_l(sent[:8]), *candump_l(sent[8:], "can1")]
-    path = tmp_path / "a.log"
-    path.write_text("\n".join(lines) + "\n")
-    log = CanLog(path, channels=("can1",))
-    check(log, sent[8:], "can1")
-    assert log.channels == {"can0": 8, "can1": 8}
-    with refused(BusError, "--channel can7: it has can0, can1"):
-        list(CanLog(path, channels=("can7",)))

@@ -3,18 +3,17 @@
 import shutil
 import subprocess
 from dataclasses import replace
-from itertools import product
 
 import pytest
 
 from can_bridge.e2e.profiles import PROFILE_5
-from can_bridge.secoc.key import Key, write_key
-from can_bridge.secoc.node import Authentication, authentication_in_virtual_time, key_of, secured
+from can_bridge.secoc.key import Key
+from can_bridge.secoc.node import Authentication, key_of, secured
 from can_bridge.secoc.securing import LARGEST_HALF, Freshness, VerifierState, secure, verified, verify
 from can_bridge.wire.frame import FD_LENGTHS, Frame
 from can_bridge.wire.message_specs import JET_COMMAND, JET_COMMAND_SECURED, PRESSURE, PRESSURE_SECURED, SPECS
 from contract.config.vehicle import BusConfig
-from contract.errors import ConfigError, KeyFileError
+from contract.errors import ConfigError
 from tests.can_bridge.secoc.conftest import SECRET
 from tests.refused import refused
 
@@ -115,28 +114,6 @@ def test_frames_of_other_messages_silence_and_no_key_change_nothing(genuine, key
         assert verified(before, frames, spec=SPEC, key=key) == (before, frames, False)
     plain = [Frame(frame_id=PRESSURE.frame_id, data=bytes(16))]
     assert verified(before, plain, spec=PRESSURE, key=None) == (before, plain, False)
-
-
-def test_whatever_the_order_each_value_passes_at_most_once_and_in_order(genuine, key):
-    sent = [genuine(SPEC, count=count) for count in range(4)]
-    for order in product(range(4), repeat=4):
-        found = verified(VerifierState(), [sent[count] for count in order], spec=SPEC, key=key)
-        # The running maximum, as the definition has it.
-        records = [count for at, count in enumerate(order) if all(count > earlier for earlier in order[:at])]
-        assert ([frame.timestamp_ns for frame in found.frames], found.none_authentic) == (records, False), order
-        assert found.state == VerifierState(freshness=(1 << 32) + max(order), not_fresh=4 - len(records)), order
-
-
-def test_one_setting_turns_it_on(tmp_path, genuine):
-    assert authentication_in_virtual_time(BusConfig()) is None
-    write_key(tmp_path / "key", SECRET)
-    made = authentication_in_virtual_time(BusConfig(key=str(tmp_path / "key")))
-    assert made is not None
-    assert (made.trip, dict(made.heard)) == (1, {})
-    assert verify(genuine(PRESSURE_SECURED).data, PRESSURE_SECURED, made.key) is not None
-    assert [path.name for path in tmp_path.iterdir()] == ["key"]
-    with pytest.raises(KeyFileError, match="No such file"):
-        authentication_in_virtual_time(BusConfig(key=str(tmp_path / "none")))
 
 
 def test_settings_and_key_must_agree(key):

@@ -10,8 +10,6 @@ from itertools import product
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from can_bridge.wire import classic_codec, codec
 from can_bridge.wire.classic_codec import STALE_NS
@@ -62,15 +60,6 @@ def test_an_age_is_rounded_and_in_the_classic_set_looks_no_fresher_than_it_is():
             assert received(classic_codec, name, message._replace(age_ns=age)).age_ns == wanted, age
 
 
-@given(data=st.binary(max_size=70) | st.sampled_from([8, 16, 24]).flatmap(lambda n: st.binary(min_size=n, max_size=n)))
-def test_any_bytes_parse_to_none_or_to_a_message_that_survives(data):
-    """Never raises on wire data, and what it returns can be sent again and means the same."""
-    for parse, emit, length in PARSERS:
-        message = parse(data)
-        assert message is None or parse(emit(message)) == message, parse
-        assert message is None or len(data) == length, parse
-
-
 def test_only_the_messages_own_length_parses_and_zeros_stay_zeros():
     for parse, emit, own in PARSERS:
         assert [length for length in range(70) if parse(bytes(length)) is not None] == [own], parse
@@ -105,6 +94,7 @@ EMITS = {Pressure: "emit_pressure", VehicleSpeed: "emit_vehicle_speed", JetComma
 
 
 def test_what_the_wire_cannot_carry_is_refused_by_name():
+    counts = ("overruns", "missed", "crc_errors", "refused", "not_authentic")
     cases: dict[Any, dict[str, Any]] = {
         codec: {
             "pressure_pa has 3 values": pressure(pressure_pa=(0.0,) * 3),
@@ -113,20 +103,15 @@ def test_what_the_wire_cannot_carry_is_refused_by_name():
             r"3276\.76: must be in -3276\.8\.\.3276\.7": pressure(pressure_pa=(3276.76, 0.0, 0.0, 0.0)),
             r"1e\+300": pressure(pressure_pa=(1e300, 0.0, 0.0, 0.0)),
             "age_ns = -5001": pressure(age_ns=-5_001),
-            "age_ns = 655355000": pressure(age_ns=655_355_000),
-            "speed_m_per_s = nan: must be finite": speed(speed_m_per_s=math.nan),
+            r"VehicleSpeed\.age_ns = 655355000": speed(age_ns=655_355_000),
             r"speed_m_per_s = -0\.1: must be in 0\.\.327\.67": speed(speed_m_per_s=-0.1),
             r"speed_m_per_s = 327\.673: must": speed(speed_m_per_s=327.673),  # which would be 0xFFFF
             r"density_kg_per_m3 = 0\.0: must be in 0\.01\.\.2\.55": speed(density_kg_per_m3=0.0),
             r"density_kg_per_m3 = 2\.6": speed(density_kg_per_m3=2.6),
-            r"VehicleSpeed\.age_ns = 655355000": speed(age_ns=655_355_000),
-            "flow_m2_per_s = -inf": jet(flow_m2_per_s=-math.inf),
             r"flow_m2_per_s = 6\.5536": jet(flow_m2_per_s=6.5536),
             "pressure_counter = 256": jet(pressure_counter=256),
-            "pressure_counter = -1": jet(pressure_counter=-1),
             "6 is not a valid Mode": jet(mode=6),
-            **{f"{name} = 65536": status(**{name: 65536}) for name in ("overruns", "missed", "crc_errors")},
-            **{f"{name} = -1": status(**{name: -1}) for name in ("missed", "refused", "not_authentic")},
+            **{f"{name} = 65536": status(**{name: 65536}) for name in counts},
             **{f"{name} = 256": status(**{name: 256}) for name in ("bus_off", "tx_errors", "rx_errors")},
             "set_aside = 16: must be in 0..15": status(set_aside=16),
             "bundle_hash": status(bundle_hash=2**32),
@@ -135,16 +120,12 @@ def test_what_the_wire_cannot_carry_is_refused_by_name():
         },
         classic_codec: {
             "valid has 5 values": pressure(valid=(True,) * 5),
-            "nan: must be finite": pressure(pressure_pa=(math.nan, 0.0, 0.0, 0.0)),
             r"2047\.6: must be in -2047\.\.2047": pressure(pressure_pa=(2047.6, 0.0, 0.0, 0.0)),
             r"-2048\.0: must be in": pressure(pressure_pa=(-2048.0, 0.0, 0.0, 0.0)),
             r"Pressure.*age_ns = -1: must not be negative": pressure(age_ns=-1),
             r"VehicleSpeed.*age_ns = -1: must not be negative": speed(age_ns=-1),
-            r"speed_m_per_s = 327\.673: must": speed(speed_m_per_s=327.673),
-            r"density_kg_per_m3 = -1: must": speed(density_kg_per_m3=-1),
-            "flow_m2_per_s = 6.6": jet(flow_m2_per_s=6.6),
             r"pressure_counter = 16: must be in 0\.\.15": jet(pressure_counter=16),
-            "missed = -1": status(missed=-1),
+            **{f"{name} = -1": status(**{name: -1}) for name in ("missed", "bus_off")},
             "bundle_hash": status(bundle_hash=2**32),
         },
     }

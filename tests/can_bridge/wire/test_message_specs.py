@@ -51,15 +51,6 @@ def test_value_tables_are_the_dbcs():
         assert {value: str(name) for value, name in choices.items()} == {one.value: one.name for one in table}, message
 
 
-def test_the_three_sets_have_the_same_signals_where_they_say_the_same():
-    for name in ("Pressure", "VehicleSpeed", "JetCommand", "EcuStatus"):
-        plain, secured, classic = (
-            {signal.name for signal in DBC.get_message_by_name(name + of).signals} for of in ("", "Secured", "Classic")
-        )
-        assert secured - plain == {"Freshness", "MAC"}
-        assert classic <= plain
-
-
 BEHIND = ("E2E_CRC", "E2E_Counter", "Freshness", "MAC")
 """Not the codec's: filled in by the protection around it."""
 WIDE = 10
