@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.e2e.profiles import PROFILE_2, PROFILE_5, Profile
-from can_bridge.wire.message_specs import SPECS
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire.message_specs import PRESSURE, SPECS
 from tests.refused import refused
 
 
@@ -108,3 +109,5 @@ def test_bad_arguments_are_refused_by_name_and_short_data_fails_its_check():
             with refused(ValueError, culprit):
                 case.ours.protect(data, data_id=data_id, counter=counter)
         assert not any(case.ours.check(bytes(length), data_id=1) for length in range(case.header))
+    with refused(ValueError, "Pressure of 8 bytes: must have 16"):
+        E2eSender(PRESSURE).frame(bytes(8), now_ns=0)

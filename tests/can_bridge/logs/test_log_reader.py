@@ -70,15 +70,9 @@ def test_damage_is_named_in_one_line(tmp_path):
     unreadable = "cannot be read as a CAN log"
     time_of_4, no_time = b"1.003000", "frame 4: time {} s, must be within"
     for suffix, damage, words in [
-        (".blf", lambda content: content[: len(content) // 2], f"is cut off|{unreadable}"),
         (".blf", lambda content: b"", unreadable),
         (".blf", lambda content: b"PK" + content[2:], unreadable),
         (".asc", lambda content: content[: content.rindex(b"00")], "bytes announced|no End TriggerBlock"),
-        (
-            ".log",
-            lambda content: content[:-20],
-            "is cut off: its last line has no end|line 40: .* is not a line of candump",
-        ),
         (".asc", lambda content: content.replace(b" d 8 00", b" d 8 0", 1), "line 6: 8 bytes announced, 7 present"),
         (".asc", lambda content: content.replace(b" Rx ", b" ", 1), "line 6: .* has neither Rx nor Tx"),
         (".asc", lambda content: content.replace(b"1.003", b"1,003", 1).replace(b"0.003000 1", b"0,003 1"), "line 9: "),
@@ -88,7 +82,6 @@ def test_damage_is_named_in_one_line(tmp_path):
         (".log", lambda content: content.replace(b" 00000003#", b" FFFFFFFFFF#"), "line 4: identifier FFFFFFFFFF,"),
         (".log", lambda content: content.replace(b"#0000", b"#zz00", 1), "line 1: 'zz0000.*' is not the data of a"),
         (".log", lambda content: b"nonsense\n" + content, "line 1: 'nonsense' is not a line of candump"),
-        (".trc", lambda content: content[:-10], "line 58: 8 bytes announced, [0-7] present"),
         (".trc", lambda content: content.replace(b" DT ", b" XY ", 1), "line 19: type 'XY' is not one of this format"),
         (".trc", lambda content: content.replace(b",I,", b",X,", 1), r"columns 'N,O,T,B,X,.*, must have O \(time\), I"),
         (".trc", lambda content: content.replace(b"=2.1", b"=3.0", 1), "line 1: version '3.0', must be 1.0, 1.1"),

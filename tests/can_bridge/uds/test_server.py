@@ -332,14 +332,3 @@ def test_what_ends_a_download(bench):
     bench.talk(f"{asking(4)} > ok\n36 01 AA > PROGRAMMING_FAILURE")
     bench.ecu.refusals.clear()
     bench.talk("36 01 AA > SEQUENCE_ERROR")
-
-
-def test_slow_block_is_repeated_while_it_is_written(bench):
-    bench.unlock()
-    bench.talk(f"{asking(2)} > ok")
-    bench.ecu.pieces = 1
-    bench.talk("36 01 AA BB > -")
-    assert bench.ask(0x36, 1, b"\xaa\xbb") == refused(0x36, Nrc.BUSY_REPEAT_REQUEST)
-    assert bench.wait(MS) == [b"\x76\x01"]
-    bench.talk("36 01 AA BB > 76 01")
-    assert written(bench) == b"\xaa\xbb"

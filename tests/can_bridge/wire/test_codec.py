@@ -66,16 +66,6 @@ def test_only_the_messages_own_length_parses_and_zeros_stay_zeros():
         assert emit(parse(bytes(own))) == bytes(own), parse
 
 
-def test_values_outside_a_table_are_malformed():
-    _, _, (command, _, _), (state, _, _), _, _, (classic_command, _, _), (classic_state, _, _) = PARSERS
-    for parse, size, shift, bad in (
-        *((command, 8, 24, (6, 7)), (state, 24, 24, range(6, 16)), (state, 24, 32, range(18, 256))),
-        *((classic_command, 8, 12, (6, 7)), (classic_state, 8, 12, (6, 7)), (classic_state, 8, 15, range(18, 32))),
-    ):
-        assert parse(bytes(size)) is not None, parse
-        assert not [value for value in bad if parse((value << shift).to_bytes(size, "little")) is not None], parse
-
-
 def test_what_eight_bytes_leave_out():
     """A sensor that is not valid loses its value, a count stays at its largest value, the hash loses its lower half."""
     message = pressure(pressure_pa=(-2047.0, 1.0, 2047.0, 5.0), valid=(True, False, True, True), age_ns=10_000_000)
