@@ -13,15 +13,7 @@ A message is one little-endian number, in which each field begins at the bit tha
 
 from typing import Final
 
-from can_bridge.wire.codec import (
-    MODES,
-    REASONS,
-    flow_steps,
-    pressure_steps,
-    speed_steps,
-    unsigned,
-    vehicle_speed,
-)
+from can_bridge.wire.codec import MODES, REASONS, flow_steps, pressure_steps, speed_steps, unsigned, vehicle_speed
 from can_bridge.wire.message_specs import (
     CLASSIC_AGE_RESOLUTION_NS,
     CLASSIC_PRESSURE_RESOLUTION_PA,

@@ -162,15 +162,13 @@ def flow_steps(flow_m2_per_s: float) -> int:
 def speed_steps(message: VehicleSpeed) -> tuple[int, int]:
     """Return the raw values of density and speed; raises ValueError as `signed` does."""
     speed, _, density = message
-    most = SPEED_UNKNOWN - 1
-    return (
-        DENSITY_UNKNOWN
-        if density is None
-        else signed("VehicleSpeed.density_kg_per_m3", density, DENSITY_RESOLUTION_KG_PER_M3, DENSITY_UNKNOWN + 1, 0xFF),
-        SPEED_UNKNOWN
-        if speed is None
-        else signed("VehicleSpeed.speed_m_per_s", speed, SPEED_RESOLUTION_M_PER_S, 0, most),
-    )
+    density_steps, steps = DENSITY_UNKNOWN, SPEED_UNKNOWN
+    if density is not None:
+        name, resolution = "VehicleSpeed.density_kg_per_m3", DENSITY_RESOLUTION_KG_PER_M3
+        density_steps = signed(name, density, resolution, DENSITY_UNKNOWN + 1, 0xFF)
+    if speed is not None:
+        steps = signed("VehicleSpeed.speed_m_per_s", speed, SPEED_RESOLUTION_M_PER_S, 0, SPEED_UNKNOWN - 1)
+    return density_steps, steps
 
 
 def vehicle_speed(density: int, speed: int, age_ns: int) -> VehicleSpeed:

@@ -13,7 +13,7 @@ import pytest
 from can_bridge.logs.entries import error_class
 from can_bridge.logs.log_reader import CanLog
 from contract.errors import BusError
-from tests.can_bridge.logs.log_texts import RESOLUTION_S, asc, candump, candump_l, frames, identity, trc, write
+from tests.can_bridge.logs.log_texts import RESOLUTION_S, asc, candump, candump_l, frames, identity, trc
 from tests.refused import refused
 
 
@@ -264,19 +264,3 @@ def test_objects_of_a_blf_are_frames_requests_and_events_by_their_names(tmp_path
         assert log.events == {"transmit request": 2, **dict.fromkeys(named, 1)}
         assert log.is_local
         assert got[0].timestamp == pytest.approx(1795773600.001)
-
-
-def test_tables_that_python_can_writes_are_read(tmp_path):
-    """Their data frames, as of every other format, are in `tests/stillwake/commands/test_dataset_of_drives.py`, too."""
-    sent = frames()
-    odd = [can.Message(timestamp=1.0, arbitration_id=5, is_remote_frame=True, dlc=3), can.Message(is_error_frame=True)]
-    for suffix in (".csv", ".db"):
-        write(tmp_path / f"a{suffix}", [*sent, *odd])
-        *data, remote, error = CanLog(tmp_path / f"a{suffix}")
-        assert [identity(one)[:4] + identity(one)[7:] for one in data] == [
-            identity(one)[:4] + identity(one)[7:] for one in sent
-        ], suffix
-        assert (remote.is_remote_frame, remote.dlc, error.is_error_frame) == (True, 3, True), suffix
-        write(tmp_path / f"b{suffix}", [can.Message(is_fd=True, dlc=10, data=bytes(10))])
-        with refused(BusError, "10 bytes are not a length of CAN FD"):
-            list(CanLog(tmp_path / f"b{suffix}"))
