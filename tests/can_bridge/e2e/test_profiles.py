@@ -42,21 +42,15 @@ CASES = (
 by_profile = pytest.mark.parametrize("case", CASES, ids=["profile 2", "profile 5"])
 
 
-def test_published_answers_of_profile_5():
-    """AUTOSAR's example: eight zero bytes under data ID 0x1234. The second is as autosar-e2e's tests give it."""
+def test_published_answers():
+    """AUTOSAR's examples of eight zero bytes: of profile 5 under data ID 0x1234 (the second as autosar-e2e's tests give
+    it), of profile 2 under the list of data IDs 1 to 16, of which the counter chooses one (all as those tests do)."""
     for counter, expected in enumerate(("1cca000000000000", "cf8d010000000000")):
         assert PROFILE_5.protect(bytes(8), data_id=0x1234, counter=counter).hex() == expected, counter
-
-
-def test_published_answers_of_profile_2():
-    """AUTOSAR's table for eight zero bytes under the list of data IDs 1 to 16, of which the counter chooses one.
-
-    As the tests of autosar-e2e give it, all 16 entries.
-    """
     for counter, crc in enumerate(bytes.fromhex("0e1b98310d189b65081d9e370b1e9dcd")):
-        expected = bytes([crc, counter]) + bytes(6)
-        assert PROFILE_2.protect(bytes(8), data_id=1 + counter, counter=counter) == expected, counter
-        assert PROFILE_2.check(expected, data_id=1 + counter), counter
+        protected = bytes([crc, counter]) + bytes(6)
+        assert PROFILE_2.protect(bytes(8), data_id=1 + counter, counter=counter) == protected, counter
+        assert PROFILE_2.check(protected, data_id=1 + counter), counter
 
 
 @by_profile

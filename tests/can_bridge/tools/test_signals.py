@@ -65,7 +65,7 @@ NAMES = [spec.name for spec in SPECS]
 
 
 def test_what_is_typed_and_zeros_else_are_what_our_codec_reads():
-    """That the codec reads every value as cantools writes it is `tests/can_bridge/wire/test_message_specs.py`'s."""
+    """That the codec reads every value as cantools writes it is `tests/can_bridge/wire/test_codec.py`'s."""
     typed = {"Valid0": 1, "Valid3": 1, "EnableRequest": 1, "Pressure0": -12.5, "Pressure3": 100.0, "Age": 1.25}
     for spec in SPECS:
         given = typed if spec.name.startswith("Pressure") and not spec.name.endswith("Classic") else {}
