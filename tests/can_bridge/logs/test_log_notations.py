@@ -96,18 +96,13 @@ def test_lines_of_vectors_own_description_are_what_it_says(tmp_path):
     ]
     for line, meaning in line_and_meaning:
         log = written(tmp_path / "a.asc", ["base hex  timestamps absolute", "no internal events logged", f" {line}"])
-        got = list(log)
-        if isinstance(meaning, str) and meaning != "error":
-            assert (got, log.events[meaning]) == ([], 1), line
-            continue
-        (one,) = got
-        if meaning == "error":
-            assert one.is_error_frame, line
-        elif one.is_remote_frame:
-            assert ("remote", one.dlc) == meaning, line
-        else:
-            found = (one.arbitration_id, one.is_extended_id, one.is_fd, len(one.data), one.is_rx)
-            assert found == meaning, line
+        read = [
+            "error" if one.is_error_frame
+            else ("remote", one.dlc) if one.is_remote_frame
+            else (one.arbitration_id, one.is_extended_id, one.is_fd, len(one.data), one.is_rx)
+            for one in log
+        ]  # fmt: skip
+        assert read == [meaning] or (read, log.events[str(meaning)]) == ([], 1), line
     for line in (
         "2.5 1 120 Rx",
         "2.5 1 120 d 8 00",
@@ -197,30 +192,28 @@ def test_peaks_traces_of_every_version_are_read(tmp_path):
             check(log, sent, version, lines=len(text))
             assert log.is_local is (version != "1.0")
     for head, line, name in (
-        ([], "     2)      1842  0008  4  ERROR 00 19 08 08", "error"),
+        ([], "     2)      1842  0008  4  ERROR 00 19 08 08", "protocol"),
         ([], "     2)     17540  FFFFFFFF  4  00 00 00 08 -- -- -- -- BUSHEAVY", "hardware status"),
         ([";$FILEVERSION=1.1"], "     2)     17540.3  Warng  FFFFFFFF  4  00 00 00 08  BUSHEAVY", "hardware status"),
-        ([";$FILEVERSION=1.1"], "     2)     17540.3  Error      0008  4  00 19 08 08", "error"),
+        ([";$FILEVERSION=1.1"], "     2)     17540.3  Error      0008  4  00 19 08 08", "protocol"),
         ([";$FILEVERSION=1.3"], "     2)  17540.300 1  Warng FFFFFFFF -  4    00 00 00 08 BUSHEAVY", "hardware status"),
         (trc([], "2.0"), "      2     17540.300 ST          Rx    00 00 00 08", "hardware status"),
-        (trc([], "2.0"), "      2     17540.300 ER          Rx    04 00 02 00 00", "error"),
-        (trc([], "2.1"), "      2     17540.300 ER 1         - Rx -  5    04 00 02 00 00", "error"),
+        (trc([], "2.0"), "      2     17540.300 ER          Rx    04 00 02 00 00", "protocol"),
+        (trc([], "2.1"), "      2     17540.300 ER 1         - Rx -  5    04 00 02 00 00", "protocol"),
         (trc([], "2.1"), "      2     17540.300 EC 1         - Rx -  2    02 01", "error counters"),
         (trc([], "2.1"), "      2     17540.300 EV User-defined event", "user-defined event"),
         (trc([], "1.1"), "     2)      1842.1  Rx         0131  12  31 00 00 00 02 00 00 00", "8 bytes"),
         (trc([], "2.1"), "      2     17540.300 DT 1      0131 Rx -  15    31 00 00 00 02 00 00 00", "8 bytes"),
-        (trc([], "2.1"), "      2         1.000 RR 1      0123 Rx -  3", "remote"),
+        (trc([], "2.1"), "      2         1.000 RR 1      0123 Rx -  3", "remote 3"),
     ):
         log = written(tmp_path / "a.trc", [*head, line])
-        got = list(log)
-        if name == "error":
-            assert [error_class(one) for one in got] == ["protocol"], line
-        elif name == "8 bytes":
-            assert [(one.dlc, len(one.data)) for one in got] == [(8, 8)], line
-        elif name == "remote":
-            assert [(one.dlc, one.is_remote_frame) for one in got] == [(3, True)], line
-        else:
-            assert (got, log.events[name]) == ([], 1), line
+        read = [
+            error_class(one) if one.is_error_frame
+            else f"remote {one.dlc}" if one.is_remote_frame
+            else f"{len(one.data)} bytes"
+            for one in log
+        ]  # fmt: skip
+        assert read == [name] or (read, log.events[name]) == ([], 1), line
     # FE is the error state alone, BI both flags; lengths are codes.
     lines = [f"{n:>7} {n:13.3f} {kind} 1 0123 Rx - 9 {'11 ' * 12}" for n, kind in enumerate(("FD", "FB", "FE", "BI"))]
     got = list(written(tmp_path / "a.trc", [*trc([], "2.1"), *lines]))

@@ -71,17 +71,14 @@ def one_log(path: Path) -> Path:
 
 def test_damage_is_named_in_one_line(tmp_path):
     unreadable = "cannot be read as a CAN log"
-    time_of_4, no_time = b"1.003000", "frame 4: time {} s, must be within"
     for suffix, damage, words in [
-        (".blf", lambda content: b"", unreadable),
         (".blf", lambda content: b"PK" + content[2:], unreadable),
         (".asc", lambda content: content[: content.rindex(b"00")], "bytes announced|no End TriggerBlock"),
         (".asc", lambda content: content.replace(b" d 8 00", b" d 8 0", 1), "line 6: 8 bytes announced, 7 present"),
         (".asc", lambda content: content.replace(b" Rx ", b" ", 1), "line 6: .* has neither Rx nor Tx"),
         (".asc", lambda content: content.replace(b"1.003", b"1,003", 1).replace(b"0.003000 1", b"0,003 1"), "line 9: "),
         (".log", lambda content: b"\xff\xfe\x00", unreadable),
-        (".log", lambda content: content.replace(time_of_4, b"nan"), no_time.format("nan")),
-        (".log", lambda content: content.replace(time_of_4, b"1e300"), no_time.format("1e.300")),
+        (".log", lambda content: content.replace(b"1.003000", b"nan"), "frame 4: time nan s, must be within"),
         (".log", lambda content: content.replace(b" 00000003#", b" FFFFFFFFFF#"), "line 4: identifier FFFFFFFFFF,"),
         (".log", lambda content: content.replace(b"#0000", b"#zz00", 1), "line 1: 'zz0000.*' is not the data of a"),
         (".log", lambda content: b"nonsense\n" + content, "line 1: 'nonsense' is not a line of candump"),

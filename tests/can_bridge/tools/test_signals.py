@@ -61,9 +61,6 @@ def test_others_are_unknown_a_wrong_length_is_unreadable_and_no_digits_are_shown
     assert [one.shown for one in got.signals if one.unit == "Pa"] == ["INVALID", "0", "0", "0"]
 
 
-NAMES = [spec.name for spec in SPECS]
-
-
 def test_what_is_typed_and_zeros_else_are_what_our_codec_reads():
     """That the codec reads every value as cantools writes it is `tests/can_bridge/wire/test_codec.py`'s."""
     typed = {"Valid0": 1, "Valid3": 1, "EnableRequest": 1, "Pressure0": -12.5, "Pressure3": 100.0, "Age": 1.25}
