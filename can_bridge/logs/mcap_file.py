@@ -81,18 +81,14 @@ def _frames(messages: Sequence[can.Message]) -> Iterator[Dated]:
 
 
 def _values(group: ChannelGroup) -> Iterator[Dated]:
-    kind = _message_class(
-        group.name,
-        {one.identifier: "ENUM" if one.words else "DOUBLE" for one in group.channels},
-        {one.identifier: one.words for one in group.channels if one.words},
-    )
+    kind = _message_class(group.name, {one.identifier: one.words or "DOUBLE" for one in group.channels})
     columns = {one.identifier: one.values.astype(int) if one.words else one.values for one in group.channels}
     for row, time_ns in enumerate(np.rint(group.times_s * 1e9).astype(int).tolist()):
         yield f"/{group.name}", time_ns, kind(**{name: values[row].item() for name, values in columns.items()})
 
 
-def _message_class(name: str, fields: Mapping[str, str], enums: Mapping[str, Mapping[int, str]] | None = None) -> Any:
-    """Return the class of a Protobuf message with these fields; `fields` has the type of each field by name."""
+def _message_class(name: str, fields: Mapping[str, str | Mapping[int, str]]) -> Any:
+    """Return the class of a Protobuf message. `fields` has each field's type by name; for an enumeration, its words."""
     from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
     from google.protobuf.descriptor_pool import DescriptorPool
     from google.protobuf.message_factory import GetMessageClass
@@ -101,12 +97,13 @@ def _message_class(name: str, fields: Mapping[str, str], enums: Mapping[str, Map
     message = file.message_type.add(name=name)
     for number, (field, kind) in enumerate(fields.items(), 1):
         added = message.field.add(name=field, number=number, label=FieldDescriptorProto.LABEL_OPTIONAL)
-        added.type = getattr(FieldDescriptorProto, f"TYPE_{kind}")
-        if kind == "ENUM":
-            added.type_name = f".{_PACKAGE}.{name}.{field}Word"
-            words = message.enum_type.add(name=f"{field}Word")
-            for value, word in (enums or {})[field].items():
-                words.value.add(name=word, number=value)
+        if isinstance(kind, str):
+            added.type = getattr(FieldDescriptorProto, f"TYPE_{kind}")
+            continue
+        added.type, added.type_name = FieldDescriptorProto.TYPE_ENUM, f".{_PACKAGE}.{name}.{field}Word"
+        words = message.enum_type.add(name=f"{field}Word")
+        for value, word in kind.items():
+            words.value.add(name=word, number=value)
     pool = DescriptorPool()
     pool.Add(file)
     return GetMessageClass(pool.FindMessageTypeByName(f"{_PACKAGE}.{name}"))

@@ -182,41 +182,6 @@ _SNAPSHOT_TYPES: Final = {
 }
 
 
-_SEQUENCE: Final = """
-session_extended
-routine_preconditions
-faults_off
-disable_sending       kind=1
-session_programming
-seed_programming
-key_programming       key=KEY
-routine_erase         length=LENGTH sha256=SHA256
-download              offset=OFFSET length=REST
-transfer              counter=COUNTER data=BLOCK
-exit
-routine_check
-routine_activate
-reset_hard
-session_programming
-seed_programming
-key_programming       key=KEY
-routine_self_test
-routine_confirm
-session_default
-"""
-"""The services of `stillwake.odx-d` that flash a release, in their order, with arguments, for authors of a flash job.
-`_ARGUMENTS` explains the words in capitals."""
-_ARGUMENTS: Final = {
-    "KEY": "key for the seed from the step before (seed_and_key.json)",
-    "LENGTH": "size of the image in bytes",
-    "SHA256": "SHA-256 of the image",
-    "OFFSET": "from the answer to routine_erase: bytes that the ECU has already",
-    "REST": "LENGTH less OFFSET",
-    "COUNTER": "1, 2, ..., 255, 0, 1, ...; the service is repeated until the image has been sent",
-    "BLOCK": "next bytes of the image, from OFFSET on; their number is block (answer to download) minus 2",
-}
-
-
 def pdx(bus: BusConfig, because: Mapping[Reason, str]) -> bytes:
     """Return the file's content for an ECU on this bus; `because` has the texts of the trouble codes."""
     packed = io.BytesIO()
@@ -235,7 +200,6 @@ def _filling(bus: BusConfig, because: Mapping[Reason, str]) -> dict[str, object]
     return {
         "software": escape(software),
         "variant": re.sub(r"\W", "_", software),
-        "sequence": _flash_sequence(),
         "codes": "".join(_code(reason, code, because[reason]) for reason, code in CODES.items()),
         "texts": texts("session", {one: _words(one.name) for one in Session})
         + texts("nrc", {one: _words(one.name) for one in Nrc})
@@ -319,20 +283,3 @@ def _level(level: Level) -> str:
 
 def _words(name: str) -> str:
     return name.lower().replace("_", " ")
-
-
-def _flash_sequence() -> str:
-    """Return the sequence as groups of special data: each step has the name of a service, and then its arguments."""
-    steps = "".join(f'<SDG SI="step">{"".join(_step(*line.split()))}</SDG>' for line in _SEQUENCE.strip().splitlines())
-    known = "".join(_data(name, text) for name, text in _ARGUMENTS.items())
-    return f'<SDG SI="sequence">{steps}</SDG><SDG SI="values">{known}</SDG>'
-
-
-def _step(service: str, *arguments: str) -> Iterator[str]:
-    yield _data("service", service)
-    for argument in arguments:
-        yield _data(*argument.split("="))
-
-
-def _data(name: str, value: str) -> str:
-    return f'<SD SI="{name}">{value}</SD>'

@@ -7,32 +7,20 @@ The codec works as `can_bridge.wire.codec` does, within the limits of eight byte
   is read as `STALE_NS`, which is too old for any use. The age of a speed is sent as 2.55 s if it is greater.
 - A status has counts up to 63 (bus-off: 15) and two bytes of the bundle hash. It has no error counters, no list of
   unused pressures, and no count of frames that are not authentic, because this set has no authentication.
+
+A message is one little-endian number, in which each field begins at the bit that the DBC states.
 """
 
-import struct
 from typing import Final
 
-from can_bridge.wire.codec import (
-    MODES,
-    REASONS,
-    UNPACKABLE,
-    check_pressure_counts,
-    made,
-    mode_of,
-    reason_of,
-    signed,
-    speed_steps,
-    unsigned,
-    vehicle_speed,
-)
+from can_bridge.wire.codec import MODES, REASONS, flow_steps, pressure_steps, speed_steps, unsigned, vehicle_speed
 from can_bridge.wire.message_specs import (
     CLASSIC_AGE_RESOLUTION_NS,
     CLASSIC_PRESSURE_RESOLUTION_PA,
     FLOW_RESOLUTION_M2_PER_S,
     INT12_MAX,
-    INT16_MAX,
 )
-from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure, VehicleSpeed
+from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure, Reason, VehicleSpeed
 
 _LENGTH: Final = 8
 
@@ -45,139 +33,110 @@ CLASSIC_BUS_OFF_LIMIT: Final = 15
 _AGE_LIMIT: Final = 7
 _SPEED_AGE_LIMIT: Final = 0xFF
 _INVALID: Final = -INT12_MAX - 1
-_INVALID_FIELD: Final = _INVALID & 0xFFF
-_ALL_VALID: Final = (True, True, True, True)
-_NEXT_PERIOD: Final = 1 << 1
-
-# "x" is the CRC; the next byte holds the counter and other bits. A field that spans several bytes is combined from
-# pieces, because arithmetic on numbers of one machine word is faster than on numbers of 64 bits.
-_PRESSURE: Final = struct.Struct("<x B 3H")  # request and age, pressures
-_VEHICLE_SPEED: Final = struct.Struct("<3x B H B x")  # density, speed, age
-_JET_COMMAND: Final = struct.Struct("<x B h B 3x")  # mode and enable, flow, echo and next period
-_ECU_STATUS: Final = struct.Struct("<x B B H B H")  # state and a bit of the reason, the rest and bus-off, counts, hash
-
-# Look-up tables, from a pressure to the field's bits and back, are faster than arithmetic.
-_FIELDS: Final = {raw: raw & 0xFFF for raw in range(-INT12_MAX, INT12_MAX + 1)}
-_PASCALS: Final = tuple(
-    (raw - 0x1000 if raw & 0x800 else raw) * CLASSIC_PRESSURE_RESOLUTION_PA if raw != _INVALID_FIELD else 0.0
-    for raw in range(0x1000)
-)
-_AGES_NS: Final = (*(step * CLASSIC_AGE_RESOLUTION_NS for step in range(_AGE_LIMIT)), STALE_NS)
+_PRESSURE_BITS: Final = (16, 28, 40, 52)
+"""The bits at which the pressures begin."""
 
 
 def emit_pressure(message: Pressure) -> bytes:
     """Return the message as 8 bytes; raises ValueError for invalid values or a wrong number of pressures."""
-    pressure_pa, valid, enable_request, age_ns = message
-    try:
-        p0, p1, p2, p3 = pressure_pa
-        v0, v1, v2, v3 = valid
-        # The resolution is 1 Pa, so the pressures need no division.
-        f0, f1, f2, f3 = _FIELDS[round(p0)], _FIELDS[round(p1)], _FIELDS[round(p2)], _FIELDS[round(p3)]
-        if age_ns < 0:
-            raise ValueError
-    except (*UNPACKABLE, KeyError):
-        check_pressure_counts(message)
-        for value in pressure_pa:
-            signed("Pressure.pressure_pa", value, CLASSIC_PRESSURE_RESOLUTION_PA, -INT12_MAX, INT12_MAX)
-        raise ValueError(f"Pressure.age_ns = {age_ns}: must not be negative") from None
-    if not (v0 and v1 and v2 and v3):
-        f0, f1, f2, f3 = (f if v else _INVALID_FIELD for f, v in zip((f0, f1, f2, f3), valid, strict=True))
-    age = -(-age_ns // CLASSIC_AGE_RESOLUTION_NS)
-    return _PRESSURE.pack(
-        (0x10 if enable_request else 0) | (age if age < _AGE_LIMIT else _AGE_LIMIT) << 5,
-        f0 | (f1 & 0xF) << 12,
-        f1 >> 4 | (f2 & 0xFF) << 8,
-        f2 >> 8 | f3 << 4,
-    )
+    steps = pressure_steps(message, CLASSIC_PRESSURE_RESOLUTION_PA, -INT12_MAX, INT12_MAX)
+    number = bool(message.enable_request) << 12 | _age_steps("Pressure", message.age_ns, _AGE_LIMIT) << 13
+    for begin, step, valid in zip(_PRESSURE_BITS, steps, message.valid, strict=True):
+        number |= ((step if valid else _INVALID) & 0xFFF) << begin
+    return number.to_bytes(_LENGTH, "little")
 
 
 def parse_pressure(data: bytes) -> Pressure | None:
     """Return the message in 8 bytes. The pressure of a sensor that is not valid is 0."""
     if len(data) != _LENGTH:
         return None
-    head, a, b, c = _PRESSURE.unpack(data)
-    f0, f1, f2, f3 = fields = (a & 0xFFF, a >> 12 | (b & 0xFF) << 4, b >> 8 | (c & 0xF) << 8, c >> 4)
-    return made(
-        Pressure,
-        (
-            (_PASCALS[f0], _PASCALS[f1], _PASCALS[f2], _PASCALS[f3]),
-            tuple(field != _INVALID_FIELD for field in fields) if _INVALID_FIELD in fields else _ALL_VALID,
-            head & 0x10 != 0,
-            _AGES_NS[head >> 5],
-        ),
+    number = int.from_bytes(data, "little")
+    steps = [_signed(number >> begin & 0xFFF, 12) for begin in _PRESSURE_BITS]
+    age = number >> 13 & _AGE_LIMIT
+    return Pressure(
+        pressure_pa=tuple(0.0 if step == _INVALID else step * CLASSIC_PRESSURE_RESOLUTION_PA for step in steps),
+        valid=tuple(step != _INVALID for step in steps),
+        enable_request=bool(number >> 12 & 1),
+        age_ns=STALE_NS if age == _AGE_LIMIT else age * CLASSIC_AGE_RESOLUTION_NS,
     )
 
 
 def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
     """Return the message as 8 bytes. Raises ValueError for a value not finite or out of range; no age is too great."""
     density, speed = speed_steps(message)
-    if message.age_ns < 0:
-        raise ValueError(f"VehicleSpeed.age_ns = {message.age_ns}: must not be negative")
-    age = -(-message.age_ns // CLASSIC_AGE_RESOLUTION_NS)
-    return _VEHICLE_SPEED.pack(density, speed, age if age < _SPEED_AGE_LIMIT else _SPEED_AGE_LIMIT)
+    age = _age_steps("VehicleSpeed", message.age_ns, _SPEED_AGE_LIMIT)
+    return (density << 24 | speed << 32 | age << 48).to_bytes(_LENGTH, "little")
 
 
 def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
     """Return the message in 8 bytes, or None for another length."""
     if len(data) != _LENGTH:
         return None
-    density, speed, age = _VEHICLE_SPEED.unpack(data)
-    return vehicle_speed(density, speed, age * CLASSIC_AGE_RESOLUTION_NS)
+    return vehicle_speed(data[3], int.from_bytes(data[4:6], "little"), data[6] * CLASSIC_AGE_RESOLUTION_NS)
 
 
 def emit_jet_command(message: JetCommand) -> bytes:
     """Return the message as 8 bytes."""
     flow, mode, enable, counter, next_period = message
-    try:
-        head = mode_of(mode) << 4 | (0x80 if enable else 0)
-        echo = 0 if counter is None else 1 | unsigned("JetCommand.pressure_counter", counter, 0xF) << 4
-        echo |= _NEXT_PERIOD if next_period else 0
-        return _JET_COMMAND.pack(head, round(flow / FLOW_RESOLUTION_M2_PER_S), echo)
-    except UNPACKABLE:
-        signed("JetCommand.flow_m2_per_s", flow, FLOW_RESOLUTION_M2_PER_S, -INT16_MAX - 1, INT16_MAX)
-        raise
+    number = Mode(mode) << 12 | bool(enable) << 15 | (flow_steps(flow) & 0xFFFF) << 16
+    number |= (counter is not None) << 32 | bool(next_period) << 33
+    number |= unsigned("JetCommand.pressure_counter", counter or 0, 0xF) << 36
+    return number.to_bytes(_LENGTH, "little")
 
 
 def parse_jet_command(data: bytes) -> JetCommand | None:
     """Return the message in 8 bytes, or None for another length or a mode outside the DBC's table."""
     if len(data) != _LENGTH:
         return None
-    head, flow, echo = _JET_COMMAND.unpack(data)
-    mode = MODES[head >> 4 & 0b111]
-    if mode is None:
+    number = int.from_bytes(data, "little")
+    if (mode := MODES.get(number >> 12 & 0b111)) is None:
         return None
-    echoed = echo >> 4 if echo & 1 else None
-    return made(JetCommand, (flow * FLOW_RESOLUTION_M2_PER_S, mode, head & 0x80 != 0, echoed, echo & _NEXT_PERIOD != 0))
+    return JetCommand(
+        flow_m2_per_s=_signed(number >> 16 & 0xFFFF, 16) * FLOW_RESOLUTION_M2_PER_S,
+        mode=mode,
+        enable=bool(number >> 15 & 1),
+        pressure_counter=number >> 36 & 0xF if number >> 32 & 1 else None,
+        next_period=bool(number >> 33 & 1),
+    )
 
 
 def emit_ecu_status(message: EcuStatus) -> bytes:
     """Return the message as 8 bytes; a count above its field's largest value is sent as this value."""
-    state, reason, overruns, missed, crc_errors, bus_off, bundle_hash, refused, *_ = message
-    if min(overruns, missed, crc_errors, refused, bus_off) < 0:
-        counts = ("overruns", "missed", "crc_errors", "bus_off", "refused")
-        name = next(name for name in counts if getattr(message, name) < 0)
-        raise ValueError(f"EcuStatus.{name} = {getattr(message, name)}: must not be negative")
-    most = CLASSIC_COUNT_LIMIT
-    crc_errors = crc_errors if crc_errors < most else most
-    return _ECU_STATUS.pack(
-        mode_of(state) << 4 | (reason_of(reason) & 1) << 7,
-        reason >> 1 | (bus_off if bus_off < CLASSIC_BUS_OFF_LIMIT else CLASSIC_BUS_OFF_LIMIT) << 4,
-        (overruns if overruns < most else most) | (missed if missed < most else most) << 6 | (crc_errors & 0xF) << 12,
-        crc_errors >> 4 | (refused if refused < most else most) << 2,
-        unsigned("EcuStatus.bundle_hash", bundle_hash, 0xFFFFFFFF) >> 16,
-    )
+    number = Mode(message.state) << 12 | Reason(message.reason) << 15
+    counts = (("overruns", 24), ("missed", 30), ("crc_errors", 36), ("refused", 42), ("bus_off", 20))
+    for name, begin in counts:
+        if (count := getattr(message, name)) < 0:
+            raise ValueError(f"EcuStatus.{name} = {count}: must not be negative")
+        number |= min(count, CLASSIC_BUS_OFF_LIMIT if name == "bus_off" else CLASSIC_COUNT_LIMIT) << begin
+    number |= unsigned("EcuStatus.bundle_hash", message.bundle_hash, 0xFFFFFFFF) >> 16 << 48
+    return number.to_bytes(_LENGTH, "little")
 
 
 def parse_ecu_status(data: bytes) -> EcuStatus | None:
     """Return the message in 8 bytes. The lower half of the bundle's hash is 0, because this half is not sent."""
     if len(data) != _LENGTH:
         return None
-    head, why, low, high, bundle_hash = _ECU_STATUS.unpack(data)
-    state, reason = MODES[head >> 4 & 0b111], REASONS[head >> 7 | (why & 0xF) << 1]
+    number = int.from_bytes(data, "little")
+    state, reason = MODES.get(number >> 12 & 0b111), REASONS.get(number >> 15 & 0b11111)
     if state is None or reason is None:
         return None
-    overruns, missed = low & 0x3F, low >> 6 & 0x3F
-    crc_errors, refused, bus_off = low >> 12 | (high & 0b11) << 4, high >> 2, why >> 4
-    return made(
-        EcuStatus, (state, reason, overruns, missed, crc_errors, bus_off, bundle_hash << 16, refused, 0, 0, 0, 0)
+    return EcuStatus(
+        state=state,
+        reason=reason,
+        overruns=number >> 24 & CLASSIC_COUNT_LIMIT,
+        missed=number >> 30 & CLASSIC_COUNT_LIMIT,
+        crc_errors=number >> 36 & CLASSIC_COUNT_LIMIT,
+        bus_off=number >> 20 & CLASSIC_BUS_OFF_LIMIT,
+        bundle_hash=number >> 48 << 16,
+        refused=number >> 42 & CLASSIC_COUNT_LIMIT,
     )
+
+
+def _signed(raw: int, bits: int) -> int:
+    return raw - (raw >> bits - 1 << bits)
+
+
+def _age_steps(message: str, age_ns: int, most: int) -> int:
+    if age_ns < 0:
+        raise ValueError(f"{message}.age_ns = {age_ns}: must not be negative")
+    return min(-(-age_ns // CLASSIC_AGE_RESOLUTION_NS), most)

@@ -5,13 +5,11 @@ raises ValueError for a value that is not finite or out of range. `parse_*` read
 None for data of another length or a value outside the DBC's table, and never raises. Values are rounded to the nearest
 multiple of the resolution. Bits without a signal are sent as zero and ignored when received.
 
-These functions run for every frame, so `emit_*` searches for the invalid value only after packing has failed. The
-tables and conversions without an underscore also serve `can_bridge.wire.classic_codec`.
+The tables and conversions without an underscore also serve `can_bridge.wire.classic_codec`.
 """
 
 import math
 import struct
-from itertools import product
 from typing import Final
 
 from can_bridge.wire import messages
@@ -35,7 +33,6 @@ _JET_COMMAND: Final = struct.Struct("<3x B h B x")  # flags, flow, echoed counte
 # receive errors, and pressures that the controller does not use.
 _ECU_STATUS: Final = struct.Struct("<3x B B B H H H I H H B B B x")
 
-_VALID: Final = 0b1111
 _ENABLE_REQUEST: Final = 1 << 4
 
 _MODE_MASK: Final = 0b111
@@ -44,43 +41,28 @@ _COUNTER_VALID: Final = 1 << 4
 _NEXT_PERIOD: Final = 1 << 5
 
 _STATE_MASK: Final = 0b1111
+_STATUS_LIMITS: Final = {
+    **dict.fromkeys(("EcuStatus.overruns", "EcuStatus.missed", "EcuStatus.crc_errors"), messages.COUNT_LIMIT),
+    "EcuStatus.bus_off": messages.BUS_OFF_LIMIT,
+    "EcuStatus.bundle_hash": 0xFFFFFFFF,
+    **dict.fromkeys(("EcuStatus.refused", "EcuStatus.not_authentic"), messages.COUNT_LIMIT),
+    **dict.fromkeys(("EcuStatus.tx_errors", "EcuStatus.rx_errors"), messages.ERROR_LIMIT),
+    "EcuStatus.set_aside": messages.SET_ASIDE_LIMIT,
+}
+"""Largest values of the numbers in a status, in the order of `EcuStatus`."""
 
-UNPACKABLE: Final = (ValueError, OverflowError, TypeError, struct.error)
-"""Exceptions that packing or rounding raises for a value out of range."""
-
-made: Final = tuple.__new__
-"""A function that builds a named tuple from all of its values in order. Calling the named tuple's own constructor would
-take a sixth of a parser's time."""
-
-_BYTE: Final = range(256)
-MODES: Final = tuple(Mode(value) if value in frozenset(Mode) else None for value in _BYTE)
-REASONS: Final = tuple(Reason(value) if value in frozenset(Reason) else None for value in _BYTE)
-"""Members by raw value; None for a value outside the DBC's table. This look-up is faster than a call of the enum."""
-
-_VALIDITIES: Final = tuple(bits[::-1] for bits in product((False, True), repeat=SENSORS))
-"""Validity flags of the sensors, by the raw value of their bits."""
+MODES: Final = {mode.value: mode for mode in Mode}
+REASONS: Final = {reason.value: reason for reason in Reason}
+"""Members by raw value."""
 
 
 def emit_pressure(message: Pressure) -> bytes:
     """Return the message as 16 bytes; raises ValueError also for a wrong number of pressures."""
-    pressure_pa, valid, enable_request, age_ns = message
-    try:
-        p0, p1, p2, p3 = pressure_pa
-        v0, v1, v2, v3 = valid
-        flags = bool(v0) | bool(v1) << 1 | bool(v2) << 2 | bool(v3) << 3
-        return _PRESSURE.pack(
-            flags | _ENABLE_REQUEST if enable_request else flags,
-            round(p0 / PRESSURE_RESOLUTION_PA),
-            round(p1 / PRESSURE_RESOLUTION_PA),
-            round(p2 / PRESSURE_RESOLUTION_PA),
-            round(p3 / PRESSURE_RESOLUTION_PA),
-            _age_steps(age_ns),
-        )
-    except UNPACKABLE:
-        check_pressure_counts(message)
-        for value in pressure_pa:
-            signed("Pressure.pressure_pa", value, PRESSURE_RESOLUTION_PA, -INT16_MAX - 1, INT16_MAX)
-        raise _age_error("Pressure", age_ns) from None
+    steps = pressure_steps(message, PRESSURE_RESOLUTION_PA, -INT16_MAX - 1, INT16_MAX)
+    v0, v1, v2, v3 = message.valid
+    flags = bool(v0) | bool(v1) << 1 | bool(v2) << 2 | bool(v3) << 3
+    flags |= _ENABLE_REQUEST if message.enable_request else 0
+    return _PRESSURE.pack(flags, *steps, _age_steps("Pressure", message.age_ns))
 
 
 def parse_pressure(data: bytes) -> Pressure | None:
@@ -89,24 +71,17 @@ def parse_pressure(data: bytes) -> Pressure | None:
         return None
     flags, p0, p1, p2, p3, age = _PRESSURE.unpack(data)
     scale = PRESSURE_RESOLUTION_PA
-    return made(
-        Pressure,
-        (
-            (p0 * scale, p1 * scale, p2 * scale, p3 * scale),
-            _VALIDITIES[flags & _VALID],
-            flags & _ENABLE_REQUEST != 0,
-            age * AGE_RESOLUTION_NS,
-        ),
+    return Pressure(
+        pressure_pa=(p0 * scale, p1 * scale, p2 * scale, p3 * scale),
+        valid=(flags & 1 != 0, flags & 2 != 0, flags & 4 != 0, flags & 8 != 0),
+        enable_request=flags & _ENABLE_REQUEST != 0,
+        age_ns=age * AGE_RESOLUTION_NS,
     )
 
 
 def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
     """Return the message as 8 bytes."""
-    density, speed = speed_steps(message)
-    try:
-        return _VEHICLE_SPEED.pack(density, speed, _age_steps(message.age_ns))
-    except UNPACKABLE:
-        raise _age_error("VehicleSpeed", message.age_ns) from None
+    return _VEHICLE_SPEED.pack(*speed_steps(message), _age_steps("VehicleSpeed", message.age_ns))
 
 
 def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
@@ -120,15 +95,9 @@ def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
 def emit_jet_command(message: JetCommand) -> bytes:
     """Return the message as 8 bytes."""
     flow, mode, enable, counter, next_period = message
-    try:
-        flags = mode_of(mode) | (_ENABLE if enable else 0) | (_NEXT_PERIOD if next_period else 0)
-        if counter is None:
-            return _JET_COMMAND.pack(flags, round(flow / FLOW_RESOLUTION_M2_PER_S), 0)
-        return _JET_COMMAND.pack(flags | _COUNTER_VALID, round(flow / FLOW_RESOLUTION_M2_PER_S), counter)
-    except UNPACKABLE:
-        Mode(mode)
-        signed("JetCommand.flow_m2_per_s", flow, FLOW_RESOLUTION_M2_PER_S, -INT16_MAX - 1, INT16_MAX)
-        raise ValueError(f"JetCommand.pressure_counter = {counter}: must be in 0..255") from None
+    flags = Mode(mode) | (_ENABLE if enable else 0) | (_NEXT_PERIOD if next_period else 0)
+    flags |= 0 if counter is None else _COUNTER_VALID
+    return _JET_COMMAND.pack(flags, flow_steps(flow), unsigned("JetCommand.pressure_counter", counter or 0, 0xFF))
 
 
 def parse_jet_command(data: bytes) -> JetCommand | None:
@@ -136,107 +105,89 @@ def parse_jet_command(data: bytes) -> JetCommand | None:
     if len(data) != 8:
         return None
     flags, flow, counter = _JET_COMMAND.unpack(data)
-    mode = MODES[flags & _MODE_MASK]
-    if mode is None:
+    if (mode := MODES.get(flags & _MODE_MASK)) is None:
         return None
-    echoed, enable, next_period = counter if flags & _COUNTER_VALID else None, flags & _ENABLE, flags & _NEXT_PERIOD
-    return made(JetCommand, (flow * FLOW_RESOLUTION_M2_PER_S, mode, enable != 0, echoed, next_period != 0))
+    return JetCommand(
+        flow_m2_per_s=flow * FLOW_RESOLUTION_M2_PER_S,
+        mode=mode,
+        enable=bool(flags & _ENABLE),
+        pressure_counter=counter if flags & _COUNTER_VALID else None,
+        next_period=bool(flags & _NEXT_PERIOD),
+    )
 
 
 def emit_ecu_status(message: EcuStatus) -> bytes:
     """Return the message as 24 bytes."""
-    state, reason, overruns, missed, crc, bus_off, bundle_hash, refused, forged, tx, rx, aside = message
-    if not 0 <= aside <= messages.SET_ASIDE_LIMIT:
-        aside = -1  # packing fails, because no byte holds this value
-    try:
-        counts = bus_off, overruns, missed, crc, bundle_hash, refused, forged, tx, rx, aside
-        return _ECU_STATUS.pack(mode_of(state), reason_of(reason), *counts)
-    except UNPACKABLE:
-        limits = {
-            "bus_off": messages.BUS_OFF_LIMIT,
-            "bundle_hash": 0xFFFFFFFF,
-            "tx_errors": messages.ERROR_LIMIT,
-            "rx_errors": messages.ERROR_LIMIT,
-            "set_aside": messages.SET_ASIDE_LIMIT,
-        }
-        for name in message._fields[2:]:
-            unsigned(f"EcuStatus.{name}", getattr(message, name), limits.get(name, messages.COUNT_LIMIT))
-        raise
+    state, reason, *values = message
+    for (name, most), value in zip(_STATUS_LIMITS.items(), values, strict=True):
+        unsigned(name, value, most)
+    overruns, missed, crc_errors, bus_off, *rest = values
+    return _ECU_STATUS.pack(Mode(state), Reason(reason), bus_off, overruns, missed, crc_errors, *rest)
 
 
 def parse_ecu_status(data: bytes) -> EcuStatus | None:
     """Return the message in 24 bytes."""
     if len(data) != 24:
         return None
-    state, reason, bus_off, overruns, missed, crc, *rest, aside = _ECU_STATUS.unpack(data)
-    known_state, known_reason = MODES[state & _STATE_MASK], REASONS[reason]
-    if known_state is None or known_reason is None:
+    raw_state, raw_reason, bus_off, overruns, missed, crc_errors, *rest, aside = _ECU_STATUS.unpack(data)
+    state, reason = MODES.get(raw_state & _STATE_MASK), REASONS.get(raw_reason)
+    if state is None or reason is None:
         return None
-    counts = overruns, missed, crc, bus_off, *rest
-    return made(EcuStatus, (known_state, known_reason, *counts, aside & messages.SET_ASIDE_LIMIT))
+    counts = overruns, missed, crc_errors, bus_off, *rest, aside & messages.SET_ASIDE_LIMIT
+    return EcuStatus._make((state, reason, *counts))
 
 
-def _age_steps(age_ns: int) -> int:
+def _age_steps(message: str, age_ns: int) -> int:
     # The division rounds half up. It uses integers because ages are exact numbers of ns.
-    return (age_ns + AGE_RESOLUTION_NS // 2) // AGE_RESOLUTION_NS
+    steps = (age_ns + AGE_RESOLUTION_NS // 2) // AGE_RESOLUTION_NS
+    if not 0 <= steps <= 0xFFFF:
+        raise ValueError(f"{message}.age_ns = {age_ns}: must be in 0..{0xFFFF * AGE_RESOLUTION_NS}")
+    return steps
 
 
-def _age_error(message: str, age_ns: int) -> ValueError:
-    return ValueError(f"{message}.age_ns = {age_ns}: must be in 0..{0xFFFF * AGE_RESOLUTION_NS}")
-
-
-def mode_of(mode: Mode) -> Mode:
-    """Return the mode; raises ValueError for another number."""
-    return mode if mode.__class__ is Mode else Mode(mode)
-
-
-def reason_of(reason: Reason) -> Reason:
-    """Return the reason; raises ValueError for another number."""
-    return reason if reason.__class__ is Reason else Reason(reason)
-
-
-def check_pressure_counts(message: Pressure) -> None:
-    """Raise ValueError unless the message has a pressure and a validity for each sensor."""
+def pressure_steps(message: Pressure, resolution_pa: float, low: int, high: int) -> list[int]:
+    """Return the raw values of the pressures; raises ValueError as `signed` does, or unless the message has a pressure
+    and a validity for each sensor."""
     for name, values in (("pressure_pa", message.pressure_pa), ("valid", message.valid)):
         if len(values) != SENSORS:
             raise ValueError(f"Pressure.{name} has {len(values)} values: must have {SENSORS}")
+    return [signed("Pressure.pressure_pa", value, resolution_pa, low, high) for value in message.pressure_pa]
+
+
+def flow_steps(flow_m2_per_s: float) -> int:
+    """Return the raw value of a flow; raises ValueError as `signed` does."""
+    return signed("JetCommand.flow_m2_per_s", flow_m2_per_s, FLOW_RESOLUTION_M2_PER_S, -INT16_MAX - 1, INT16_MAX)
 
 
 def speed_steps(message: VehicleSpeed) -> tuple[int, int]:
     """Return the raw values of density and speed; raises ValueError as `signed` does."""
     speed, _, density = message
-    most = SPEED_UNKNOWN - 1
-    return (
-        DENSITY_UNKNOWN
-        if density is None
-        else signed("VehicleSpeed.density_kg_per_m3", density, DENSITY_RESOLUTION_KG_PER_M3, DENSITY_UNKNOWN + 1, 0xFF),
-        SPEED_UNKNOWN
-        if speed is None
-        else signed("VehicleSpeed.speed_m_per_s", speed, SPEED_RESOLUTION_M_PER_S, 0, most),
-    )
+    density_steps, steps = DENSITY_UNKNOWN, SPEED_UNKNOWN
+    if density is not None:
+        name, resolution = "VehicleSpeed.density_kg_per_m3", DENSITY_RESOLUTION_KG_PER_M3
+        density_steps = signed(name, density, resolution, DENSITY_UNKNOWN + 1, 0xFF)
+    if speed is not None:
+        steps = signed("VehicleSpeed.speed_m_per_s", speed, SPEED_RESOLUTION_M_PER_S, 0, SPEED_UNKNOWN - 1)
+    return density_steps, steps
 
 
 def vehicle_speed(density: int, speed: int, age_ns: int) -> VehicleSpeed:
     """Return the message with these raw values of density and speed."""
-    return made(
-        VehicleSpeed,
-        (
-            None if speed == SPEED_UNKNOWN else speed * SPEED_RESOLUTION_M_PER_S,
-            age_ns,
-            None if density == DENSITY_UNKNOWN else density * DENSITY_RESOLUTION_KG_PER_M3,
-        ),
+    return VehicleSpeed(
+        speed_m_per_s=None if speed == SPEED_UNKNOWN else speed * SPEED_RESOLUTION_M_PER_S,
+        age_ns=age_ns,
+        density_kg_per_m3=None if density == DENSITY_UNKNOWN else density * DENSITY_RESOLUTION_KG_PER_M3,
     )
 
 
 def signed(name: str, value: float, resolution: float, low: int, high: int) -> int:
     """Return the raw value nearest to `value`; raises ValueError if it is not finite or not in `low` to `high`."""
-    if not math.isfinite(value):
-        raise ValueError(f"{name} = {value}: must be finite")
     # The quotient of a very large value is infinite, and cannot be rounded to an integer.
     steps = value / resolution
-    if not (math.isfinite(steps) and low <= round(steps) <= high):
-        raise ValueError(f"{name} = {value}: must be in {low * resolution:g}..{high * resolution:g}")
-    return round(steps)
+    if math.isfinite(steps) and low <= round(steps) <= high:
+        return round(steps)
+    must = f"in {low * resolution:g}..{high * resolution:g}" if math.isfinite(value) else "finite"
+    raise ValueError(f"{name} = {value}: must be {must}")
 
 
 def unsigned(name: str, value: int, largest: int) -> int:

@@ -10,10 +10,9 @@ from e2e.p05 import e2e_p05_check, e2e_p05_protect
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.e2e.profiles import PROFILE_2, PROFILE_5, Profile, profile_of
-from can_bridge.e2e.sender import SenderState, protected_frame
-from can_bridge.wire.message_specs import SPECS
-from tests.can_bridge.wire.described import decoded
+from can_bridge.e2e.profiles import PROFILE_2, PROFILE_5, Profile
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire.message_specs import PRESSURE, SPECS
 from tests.refused import refused
 
 
@@ -43,21 +42,15 @@ CASES = (
 by_profile = pytest.mark.parametrize("case", CASES, ids=["profile 2", "profile 5"])
 
 
-def test_published_answers_of_profile_5():
-    """AUTOSAR's example: eight zero bytes under data ID 0x1234. The second is as autosar-e2e's tests give it."""
+def test_published_answers():
+    """AUTOSAR's examples of eight zero bytes: of profile 5 under data ID 0x1234 (the second as autosar-e2e's tests give
+    it), of profile 2 under the list of data IDs 1 to 16, of which the counter chooses one (all as those tests do)."""
     for counter, expected in enumerate(("1cca000000000000", "cf8d010000000000")):
         assert PROFILE_5.protect(bytes(8), data_id=0x1234, counter=counter).hex() == expected, counter
-
-
-def test_published_answers_of_profile_2():
-    """AUTOSAR's table for eight zero bytes under the list of data IDs 1 to 16, of which the counter chooses one.
-
-    As the tests of autosar-e2e give it, all 16 entries.
-    """
     for counter, crc in enumerate(bytes.fromhex("0e1b98310d189b65081d9e370b1e9dcd")):
-        expected = bytes([crc, counter]) + bytes(6)
-        assert PROFILE_2.protect(bytes(8), data_id=1 + counter, counter=counter) == expected, counter
-        assert PROFILE_2.check(expected, data_id=1 + counter), counter
+        protected = bytes([crc, counter]) + bytes(6)
+        assert PROFILE_2.protect(bytes(8), data_id=1 + counter, counter=counter) == protected, counter
+        assert PROFILE_2.check(protected, data_id=1 + counter), counter
 
 
 @by_profile
@@ -110,14 +103,5 @@ def test_bad_arguments_are_refused_by_name_and_short_data_fails_its_check():
             with refused(ValueError, culprit):
                 case.ours.protect(data, data_id=data_id, counter=counter)
         assert not any(case.ours.check(bytes(length), data_id=1) for length in range(case.header))
-
-
-def test_crc_and_counter_are_the_signals_of_the_dbc():
-    # AUTOSAR: CRC8 with a counter of 4 bits, CRC16 with one of 8.
-    assert (PROFILE_2.header_bits, PROFILE_5.header_bits) == (12, 24)
-    for spec in SPECS:
-        frame = protected_frame(SenderState(counter=11), bytes(spec.protected), spec=spec, now_ns=0)
-        signals = decoded(spec.name, frame.data.ljust(spec.length, b"\0"))
-        assert profile_of(spec).crc_of(frame.data) == signals["E2E_CRC"] != 0, spec.name
-        assert profile_of(spec).counter_of(frame.data) == signals["E2E_Counter"] == 11, spec.name
-        assert profile_of(spec).counter_period == (16 if spec.profile == 2 else 256), spec.name
+    with refused(ValueError, "Pressure of 8 bytes: must have 16"):
+        E2eSender(PRESSURE).frame(bytes(8), now_ns=0)

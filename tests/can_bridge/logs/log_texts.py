@@ -1,6 +1,7 @@
 """One log in the notations of the field, written after the formats' own descriptions, and by nothing of ours."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import can
@@ -35,7 +36,7 @@ def frames(count: int = 16) -> list[can.Message]:
     return made
 
 
-def asc_line(one: can.Message, *, decimal: bool, direction: str, symbolic: bool) -> str:
+def asc_line(one: can.Message, direction: str, *, decimal: bool, symbolic: bool) -> str:
     """All but its time; of a channel of CAN FD where the frame is one, else of a classic channel."""
     number = f"{one.arbitration_id}" if decimal else f"{one.arbitration_id:x}"
     shown = " ".join(str(byte) if decimal else f"{byte:02X}" for byte in one.data)
@@ -61,15 +62,12 @@ def asc(
 ) -> list[str]:
     """Its lines: `requests` puts a request before each frame of the ECU, `events` something else behind every frame."""
     timed: list[tuple[float, str]] = []
-
-    def line(one: can.Message, time_s: float, direction: str) -> None:
-        timed.append((time_s, asc_line(one, decimal=decimal, direction=direction, symbolic=symbolic)))
-
     for k, one in enumerate(messages):
+        line = partial(asc_line, one, decimal=decimal, symbolic=symbolic)
         time_s, is_ours = one.timestamp + shift_s, one.arbitration_id in (0x130, 0x140)
         if requests and is_ours:
-            line(one, time_s - 1e-4, "TxRq")
-        line(one, time_s, "Tx" if is_ours and requests else "Rx")
+            timed.append((time_s - 1e-4, line("TxRq")))
+        timed.append((time_s, line("Tx" if is_ours and requests else "Rx")))
         if events:
             timed.append((time_s, OTHERS[k % len(OTHERS)]))
     before, body = 0.0, []

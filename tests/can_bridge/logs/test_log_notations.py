@@ -13,7 +13,7 @@ import pytest
 from can_bridge.logs.entries import error_class
 from can_bridge.logs.log_reader import CanLog
 from contract.errors import BusError
-from tests.can_bridge.logs.log_texts import RESOLUTION_S, asc, candump, candump_l, frames, identity, trc, write
+from tests.can_bridge.logs.log_texts import RESOLUTION_S, asc, candump, candump_l, frames, identity, trc
 from tests.refused import refused
 
 
@@ -96,18 +96,13 @@ def test_lines_of_vectors_own_description_are_what_it_says(tmp_path):
     ]
     for line, meaning in line_and_meaning:
         log = written(tmp_path / "a.asc", ["base hex  timestamps absolute", "no internal events logged", f" {line}"])
-        got = list(log)
-        if isinstance(meaning, str) and meaning != "error":
-            assert (got, log.events[meaning]) == ([], 1), line
-            continue
-        (one,) = got
-        if meaning == "error":
-            assert one.is_error_frame, line
-        elif one.is_remote_frame:
-            assert ("remote", one.dlc) == meaning, line
-        else:
-            found = (one.arbitration_id, one.is_extended_id, one.is_fd, len(one.data), one.is_rx)
-            assert found == meaning, line
+        read = [
+            "error" if one.is_error_frame
+            else ("remote", one.dlc) if one.is_remote_frame
+            else (one.arbitration_id, one.is_extended_id, one.is_fd, len(one.data), one.is_rx)
+            for one in log
+        ]  # fmt: skip
+        assert read == [meaning] or (read, log.events[str(meaning)]) == ([], 1), line
     for line in (
         "2.5 1 120 Rx",
         "2.5 1 120 d 8 00",
@@ -197,30 +192,28 @@ def test_peaks_traces_of_every_version_are_read(tmp_path):
             check(log, sent, version, lines=len(text))
             assert log.is_local is (version != "1.0")
     for head, line, name in (
-        ([], "     2)      1842  0008  4  ERROR 00 19 08 08", "error"),
+        ([], "     2)      1842  0008  4  ERROR 00 19 08 08", "protocol"),
         ([], "     2)     17540  FFFFFFFF  4  00 00 00 08 -- -- -- -- BUSHEAVY", "hardware status"),
         ([";$FILEVERSION=1.1"], "     2)     17540.3  Warng  FFFFFFFF  4  00 00 00 08  BUSHEAVY", "hardware status"),
-        ([";$FILEVERSION=1.1"], "     2)     17540.3  Error      0008  4  00 19 08 08", "error"),
+        ([";$FILEVERSION=1.1"], "     2)     17540.3  Error      0008  4  00 19 08 08", "protocol"),
         ([";$FILEVERSION=1.3"], "     2)  17540.300 1  Warng FFFFFFFF -  4    00 00 00 08 BUSHEAVY", "hardware status"),
         (trc([], "2.0"), "      2     17540.300 ST          Rx    00 00 00 08", "hardware status"),
-        (trc([], "2.0"), "      2     17540.300 ER          Rx    04 00 02 00 00", "error"),
-        (trc([], "2.1"), "      2     17540.300 ER 1         - Rx -  5    04 00 02 00 00", "error"),
+        (trc([], "2.0"), "      2     17540.300 ER          Rx    04 00 02 00 00", "protocol"),
+        (trc([], "2.1"), "      2     17540.300 ER 1         - Rx -  5    04 00 02 00 00", "protocol"),
         (trc([], "2.1"), "      2     17540.300 EC 1         - Rx -  2    02 01", "error counters"),
         (trc([], "2.1"), "      2     17540.300 EV User-defined event", "user-defined event"),
         (trc([], "1.1"), "     2)      1842.1  Rx         0131  12  31 00 00 00 02 00 00 00", "8 bytes"),
         (trc([], "2.1"), "      2     17540.300 DT 1      0131 Rx -  15    31 00 00 00 02 00 00 00", "8 bytes"),
-        (trc([], "2.1"), "      2         1.000 RR 1      0123 Rx -  3", "remote"),
+        (trc([], "2.1"), "      2         1.000 RR 1      0123 Rx -  3", "remote 3"),
     ):
         log = written(tmp_path / "a.trc", [*head, line])
-        got = list(log)
-        if name == "error":
-            assert [error_class(one) for one in got] == ["protocol"], line
-        elif name == "8 bytes":
-            assert [(one.dlc, len(one.data)) for one in got] == [(8, 8)], line
-        elif name == "remote":
-            assert [(one.dlc, one.is_remote_frame) for one in got] == [(3, True)], line
-        else:
-            assert (got, log.events[name]) == ([], 1), line
+        read = [
+            error_class(one) if one.is_error_frame
+            else f"remote {one.dlc}" if one.is_remote_frame
+            else f"{len(one.data)} bytes"
+            for one in log
+        ]  # fmt: skip
+        assert read == [name] or (read, log.events[name]) == ([], 1), line
     # FE is the error state alone, BI both flags; lengths are codes.
     lines = [f"{n:>7} {n:13.3f} {kind} 1 0123 Rx - 9 {'11 ' * 12}" for n, kind in enumerate(("FD", "FB", "FE", "BI"))]
     got = list(written(tmp_path / "a.trc", [*trc([], "2.1"), *lines]))
@@ -264,31 +257,3 @@ def test_objects_of_a_blf_are_frames_requests_and_events_by_their_names(tmp_path
         assert log.events == {"transmit request": 2, **dict.fromkeys(named, 1)}
         assert log.is_local
         assert got[0].timestamp == pytest.approx(1795773600.001)
-
-
-def test_tables_that_python_can_writes_are_read(tmp_path):
-    """Their data frames, as of every other format, are in `tests/stillwake/commands/test_dataset_of_drives.py`, too."""
-    sent = frames()
-    odd = [can.Message(timestamp=1.0, arbitration_id=5, is_remote_frame=True, dlc=3), can.Message(is_error_frame=True)]
-    for suffix in (".csv", ".db"):
-        write(tmp_path / f"a{suffix}", [*sent, *odd])
-        *data, remote, error = CanLog(tmp_path / f"a{suffix}")
-        assert [identity(one)[:4] + identity(one)[7:] for one in data] == [
-            identity(one)[:4] + identity(one)[7:] for one in sent
-        ], suffix
-        assert (remote.is_remote_frame, remote.dlc, error.is_error_frame) == (True, 3, True), suffix
-        write(tmp_path / f"b{suffix}", [can.Message(is_fd=True, dlc=10, data=bytes(10))])
-        with refused(BusError, "10 bytes are not a length of CAN FD"):
-            list(CanLog(tmp_path / f"b{suffix}"))
-
-
-def test_a_channel_is_chosen_by_its_name(tmp_path):
-    sent = frames()
-    lines = [*candump_l(sent[:8]), *candump_l(sent[8:], "can1")]
-    path = tmp_path / "a.log"
-    path.write_text("\n".join(lines) + "\n")
-    log = CanLog(path, channels=("can1",))
-    check(log, sent[8:], "can1")
-    assert log.channels == {"can0": 8, "can1": 8}
-    with refused(BusError, "--channel can7: it has can0, can1"):
-        list(CanLog(path, channels=("can7",)))

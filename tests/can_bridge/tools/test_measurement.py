@@ -12,9 +12,7 @@ from typing import Any
 import can
 import numpy as np
 import pytest
-from google.protobuf.descriptor_pb2 import FileDescriptorSet
-from google.protobuf.descriptor_pool import DescriptorPool
-from google.protobuf.message_factory import GetMessageClass
+from mcap_protobuf.decoder import DecoderFactory
 
 from can_bridge.logs.entries import ChannelGroup, NamedChannel
 from can_bridge.logs.log_reader import CanLog
@@ -34,16 +32,10 @@ pytest.importorskip("asammdf")
 
 def read_mcap(path: Path) -> Iterator[tuple[str, str, int, Any]]:
     """(topic, schema, time in ns, message): the container by another library, the content by the schemas in it."""
-    classes: dict[int, Any] = {}
     with path.open("rb") as file:
-        for schema, channel, message in small_mcap.read_message(file):
-            if schema.id not in classes:
-                pool = DescriptorPool()
-                for one in FileDescriptorSet.FromString(schema.data).file:
-                    pool.Add(one)
-                classes[schema.id] = GetMessageClass(pool.FindMessageTypeByName(schema.name))
-            assert channel.message_encoding == "protobuf"
-            yield channel.topic, schema.name, message.log_time, classes[schema.id].FromString(message.data)
+        for one in small_mcap.read_message_decoded(file, decoder_factories=[DecoderFactory()]):
+            assert one.channel.message_encoding == "protobuf"
+            yield one.channel.topic, one.schema.name, one.message.log_time, one.decoded_message
 
 
 def test_an_mcap_has_frames_and_channels_with_their_words_and_the_layout_draws_them(tmp_path):

@@ -61,11 +61,8 @@ def test_others_are_unknown_a_wrong_length_is_unreadable_and_no_digits_are_shown
     assert [one.shown for one in got.signals if one.unit == "Pa"] == ["INVALID", "0", "0", "0"]
 
 
-NAMES = [spec.name for spec in SPECS]
-
-
 def test_what_is_typed_and_zeros_else_are_what_our_codec_reads():
-    """That the codec reads every value as cantools writes it is `tests/can_bridge/wire/test_message_specs.py`'s."""
+    """That the codec reads every value as cantools writes it is `tests/can_bridge/wire/test_codec.py`'s."""
     typed = {"Valid0": 1, "Valid3": 1, "EnableRequest": 1, "Pressure0": -12.5, "Pressure3": 100.0, "Age": 1.25}
     for spec in SPECS:
         given = typed if spec.name.startswith("Pressure") and not spec.name.endswith("Classic") else {}
@@ -96,12 +93,8 @@ def test_refused_in_one_line():
         ("Pressure", "Pressure0=x", r"Pressure0=x: must be a number$"),
         ("Pressure", "Pressure0=nan", "Pressure cannot be sent"),
         ("Pressure", "Pressure0=3276.8", r"smaller than or equal to 3276.7"),
-        ("Pressure", "Age=inf", "cannot be sent"),
-        ("VehicleSpeed", "Pressure0=INVALID", "must be SIGNAL=VALUE; signals: AirDensity"),
         ("JetCommand", "Mode=FAUL", "must be a number, or one of FAULT, DECAY"),
-        ("JetCommand", "Mode=6", "smaller than or equal to 5"),
         ("JetCommand", "Mode=1.5", "must be a whole number"),
-        ("EcuStatusClassic", "Missed=64", "smaller than or equal to 63"),
     ]:
         with refused(BusError, words) as caught:
             encode(name, [assignment] if assignment else [])

@@ -13,7 +13,7 @@ from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import FrameCheck
 from can_bridge.tools.traffic import RATE_OVER, SILENT_AFTER, Summary, Traffic, rows
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, PRESSURE_SECURED, SPECS, MessageSpec
+from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, SPECS, MessageSpec
 from contract.config.vehicle import BusConfig, E2eConfig
 from tests.examples import examples
 
@@ -68,14 +68,9 @@ def test_losses_are_those_that_were_made(spec, data):
     assert traffic.refused == sum(gap + 1 > E2E.max_delta for gap in gaps)
 
 
-def test_frames_that_are_not_their_messages_fail_their_check():
-    """A secured message of another length, whose protected part alone would pass; a classic frame for a CAN FD one."""
-    secured, command = frame(PRESSURE_SECURED, 0), frame(JET_COMMAND, 0)
-    for one in (
-        Frame(frame_id=secured.frame_id, data=secured.data[:16]),
-        Frame(frame_id=command.frame_id, data=command.data, is_fd=False),
-    ):
-        assert after([one]).check is FrameCheck.ERROR, one
+def test_a_classic_frame_for_a_can_fd_message_fails_its_check_and_a_jump_is_lost_and_refused():
+    command = frame(JET_COMMAND, 0)
+    assert after([Frame(frame_id=command.frame_id, data=command.data, is_fd=False)]).check is FrameCheck.ERROR
     traffic = after([command, command, frame(JET_COMMAND, 2 + E2E.max_delta)])
     assert (traffic.check, traffic.lost, traffic.refused) == (FrameCheck.WRONG_SEQUENCE, 1 + E2E.max_delta, 2)
 

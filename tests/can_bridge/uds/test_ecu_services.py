@@ -1,4 +1,5 @@
-"""How the store's answers come over the wire, request by request.
+"""How the store's answers come over the wire, request by request; and what the calibration's identifiers refuse and
+store, which `tests/stillwake/test_testers.py` reads and changes.
 
 What the store itself decides is tested in `tests/can_bridge/flashing`, the whole sequence in `tests/can_bridge/tester`,
 hostile requests, and that a self-test comes before a confirmation, in `tests/proofs/loader_in_c`.
@@ -6,11 +7,14 @@ hostile requests, and that a self-test comes before a confirmation, in `tests/pr
 
 import pytest
 
+from can_bridge.calibration.segment import Page, Segment
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import MediumError, RecordKind
 from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.services import Nrc
+from can_bridge.uds.calibration_service import CalibrationService
+from can_bridge.uds.services import Did, Nrc, Refused
+from tests.can_bridge.calibration.conftest import LIMITS, REFERENCE, changed
 from tests.can_bridge.flashing.releases import RELEASE, SECOND, image, keys, name_of, phases, provisioned
 from tests.can_bridge.flashing.store_ecu import KEY, FlashingSteps, StoreEcu
 from tests.can_bridge.uds.scripted_ecu import MS, refused, talk
@@ -131,3 +135,62 @@ def test_a_memory_that_fails_is_a_programming_failure(client, monkeypatch):
     )
     answer = KEY.answer(Level.PROGRAMMING, client.ask(b"\x27\x01")[2:])
     assert client.ask(b"\x27\x02" + answer) == refused(0x27, Nrc.PROGRAMMING_FAILURE)
+
+
+OWN, OTHER = REFERENCE.pack(), changed(lift=0.5).pack()
+NEGATIVE, NAN = (OWN[:8] + lift + OWN[12:] for lift in (b"\0\0\x80\xbf", b"\0\0\xc0\x7f"))
+
+
+class Kept:
+    """A service whose record may be worn out."""
+
+    def __init__(self, raw: bytes | None = None, refusal: Nrc | None = None) -> None:
+        self.raw, self.is_worn_out, self.writes = raw, False, 0
+        self.segment = Segment(REFERENCE, LIMITS)
+        self.service = CalibrationService(self.segment, kept=lambda: self.raw, keep=self._keep, refusal=lambda: refusal)
+
+    def _keep(self, raw: bytes | None) -> None:
+        if self.is_worn_out:
+            raise MediumError("no place is left that works", 0)
+        self.raw, self.writes = raw, self.writes + 1
+
+
+def refused_by(kept: Kept, did: Did, value: bytes) -> Nrc:
+    with pytest.raises(Refused) as refusal:
+        kept.service.write(did, value)
+    return refusal.value.code
+
+
+def test_values_that_are_not_allowed_are_refused_whole():
+    kept = Kept()
+    for value in (NEGATIVE, NAN, changed(delay_steps=7).pack(), b"", bytes(43)):
+        assert refused_by(kept, Did.CALIBRATION, value) is Nrc.OUT_OF_RANGE, value
+        assert (kept.service.read(Did.CALIBRATION), kept.segment.take()) == (OWN, None)
+    for value in (b"", b"\x02", b"\xff", b"\x01\x01"):
+        assert refused_by(kept, Did.CALIBRATION_STORED, value) is Nrc.OUT_OF_RANGE, value
+
+
+def test_what_is_stored():
+    """The page in force is; going back where nothing is stored writes nothing; a memory that fails is reported."""
+    kept = Kept()
+    kept.service.write(Did.CALIBRATION, OTHER)
+    kept.segment.page = Page.REFERENCE
+    assert kept.service.read(Did.CALIBRATION) == OWN
+    kept.service.store(kept.segment.in_force)
+    assert kept.raw == OWN
+    kept = Kept(refusal=Nrc.CONDITIONS_NOT_CORRECT)
+    kept.service.write(Did.CALIBRATION, OTHER)
+    assert refused_by(kept, Did.CALIBRATION_STORED, b"\x01") is Nrc.CONDITIONS_NOT_CORRECT
+    kept.service.write(Did.CALIBRATION_STORED, b"\x00")
+    assert (kept.service.read(Did.CALIBRATION), kept.writes) == (OWN, 0)
+    kept = Kept(OTHER)
+    kept.service.restore()
+    kept.is_worn_out = True
+    for value in (b"\x00", b"\x01"):
+        assert refused_by(kept, Did.CALIBRATION_STORED, value) is Nrc.PROGRAMMING_FAILURE
+    assert kept.service.read(Did.CALIBRATION) == OTHER
+    # A record that this vehicle does not allow is not used.
+    for raw in (b"", bytes(45), changed(action_limit=0.08).pack(), NAN):
+        kept = Kept(raw)
+        assert "calibration" in str(kept.service.restore())
+        assert (kept.segment.take(), kept.raw) == (None, raw)

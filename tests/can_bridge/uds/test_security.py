@@ -117,22 +117,3 @@ def test_attempts_before_power_on_count():
     bench.ask(0x10, Session.PROGRAMMING)
     assert try_wrong(bench) == refused(0x27, Nrc.EXCEEDED_ATTEMPTS)
     assert ecu.attempts[Level.PROGRAMMING] == 3
-
-
-def test_what_is_no_attempt(bench):
-    bench.talk(
-        """
-        27 02 00x16 > SEQUENCE_ERROR
-        27 01 00 > INCORRECT_LENGTH
-        27 01 > ok
-        27 02 > INCORRECT_LENGTH
-        27 02 00x15 > INCORRECT_LENGTH
-        27 02 00x17 > INCORRECT_LENGTH
-        27 03 > SUB_FUNCTION_NOT_IN_SESSION
-        10 03 > ok
-        27 01 > SUB_FUNCTION_NOT_IN_SESSION
-        """
-    )
-    for sub_function in (0, 5, 6, 0x11, 0x7E, 0x7F):
-        bench.talk(f"27 {sub_function:02x} > SUB_FUNCTION_NOT_SUPPORTED")
-    assert bench.ecu.attempts[Level.PROGRAMMING] == 0

@@ -36,10 +36,11 @@ def test_services_of_each_session(bench):
 
 REFUSED = {
     Nrc.INCORRECT_LENGTH: """
-        10 100100 11 110100 3e 3e0000 22 22f1 22f18cf1 2e 2ef18c 27 31 3101 310102 3101020300 34 3400 34004400 36 3601
-        3700 14 14ffff 14ffffff00 19 1901 19020000 190a00 1904110451 28 2800 850100""",
+        10 100100 11 110100 3e 3e0000 22 22f1 22f18cf1 2e 2ef18c 27 270100 2702 27020000 31 3101 310102 3101020300 34
+        3400 34004400 36 3601 3700 14 14ffff 14ffffff00 19 1901 19020000 190a00 1904110451 28 2800 850100""",
     # The last: at least two bytes, then the sub-function, then the whole length (ISO 14229-1).
-    Nrc.SUB_FUNCTION_NOT_SUPPORTED: "1000 1004 1060 1100 1102 3102ff00 3103ff00 3e01 1903ff 2802 2803 8500 3e0100",
+    Nrc.SUB_FUNCTION_NOT_SUPPORTED: """
+        1000 1004 1060 1100 1102 2700 2705 2706 2711 277f 3102ff00 3103ff00 3e01 1903ff 2802 2803 8500 3e0100""",
 }
 
 
@@ -49,6 +50,7 @@ def test_wrong_lengths_and_sub_functions(bench):
         for request in map(bytes.fromhex, requests.split()):
             assert bench.ask(request) == refused(request[0], code), request.hex()
     assert bench.ask(b"\x22" + 17 * SERIAL) == refused(0x22, Nrc.INCORRECT_LENGTH)
+    assert not any(bench.ecu.attempts.values()), "a request of another length is no attempt"
     # Longer than ISO-TP carries.
     bench.talk("2E FD 02 00x4092 > 6E FD 02\n2E FD 02 00x4493 > INCORRECT_LENGTH")
 
@@ -332,14 +334,3 @@ def test_what_ends_a_download(bench):
     bench.talk(f"{asking(4)} > ok\n36 01 AA > PROGRAMMING_FAILURE")
     bench.ecu.refusals.clear()
     bench.talk("36 01 AA > SEQUENCE_ERROR")
-
-
-def test_slow_block_is_repeated_while_it_is_written(bench):
-    bench.unlock()
-    bench.talk(f"{asking(2)} > ok")
-    bench.ecu.pieces = 1
-    bench.talk("36 01 AA BB > -")
-    assert bench.ask(0x36, 1, b"\xaa\xbb") == refused(0x36, Nrc.BUSY_REPEAT_REQUEST)
-    assert bench.wait(MS) == [b"\x76\x01"]
-    bench.talk("36 01 AA BB > 76 01")
-    assert written(bench) == b"\xaa\xbb"

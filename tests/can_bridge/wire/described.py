@@ -1,5 +1,6 @@
-"""The DBC as cantools reads it, and messages that differ from a usual one in the named fields."""
+"""The DBC as cantools reads it, strictly and without a warning, and messages that differ from a usual one in fields."""
 
+import warnings
 from importlib.resources import files
 from typing import Any
 
@@ -8,7 +9,9 @@ from cantools.database import Database
 from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure, Reason, VehicleSpeed
 
 DBC = Database(strict=True)
-DBC.add_dbc_string(files("contract").joinpath("stillwake.dbc").read_text())
+with warnings.catch_warnings():
+    warnings.simplefilter("error")
+    DBC.add_dbc_string(files("contract").joinpath("stillwake.dbc").read_text())
 
 
 def decoded(name: str, data: bytes) -> dict[str, Any]:

@@ -16,41 +16,35 @@ from tests.can_bridge.can_messages import frames
 from tests.refused import refused
 
 
-def bits(value: int, count: int) -> list[int]:
-    return [value >> i & 1 for i in reversed(range(count))]
-
-
-def header(frame: Frame) -> list[int]:
+def header(frame: Frame) -> str:
     """Start of frame to the bit before the length code, field by field (ISO 11898-1:2015, frame formats)."""
     if frame.is_extended:
-        identifier = [*bits(frame.frame_id >> 18, 11), 1, 1, *bits(frame.frame_id & 0x3FFFF, 18)]
         # RRS, FDF, res, BRS, ESI; or RTR, r1, r0.
-        return [0, *identifier, *([0, 1, 0, 1, 0] if frame.is_fd else [0, 0, 0])]
+        end = "01010" if frame.is_fd else "000"
+        return f"0{frame.frame_id >> 18:011b}11{frame.frame_id & 0x3FFFF:018b}{end}"
     # RRS, IDE, FDF, res, BRS, ESI; or RTR, IDE, r0.
-    return [0, *bits(frame.frame_id, 11), *([0, 0, 1, 0, 1, 0] if frame.is_fd else [0, 0, 0])]
+    return f"0{frame.frame_id:011b}{'001010' if frame.is_fd else '000'}"
 
 
-def on_the_wire(body: list[int]) -> list[tuple[int, bool]]:
-    """(bit, is a stuff bit) one after the other; a stuff bit due at the end is sent."""
-    sent: list[tuple[int, bool]] = []
+def content(frame: Frame) -> str:
+    """Length code and data."""
+    return f"{FD_LENGTHS.index(len(frame.data)):04b}" + "".join(f"{byte:08b}" for byte in frame.data)
+
+
+def on_the_wire(body: str) -> tuple[str, list[int]]:
+    """The bits as sent, and the places of those that are no stuff bits; a stuff bit due at the end is sent."""
+    sent, plain = "", list[int]()
     for bit in body:
-        sent.append((bit, False))
-        if len(sent) >= 5 and len({value for value, _ in sent[-5:]}) == 1 and not any(s for _, s in sent[-4:]):
-            sent.append((1 - bit, True))
-    return sent
+        plain.append(len(sent))
+        sent += bit
+        if sent[-5:] in ("00000", "11111"):
+            sent += "1" if bit == "0" else "0"
+    return sent, plain
 
 
-def length_bits(frame: Frame) -> list[int]:
-    return bits(FD_LENGTHS.index(len(frame.data)), 4)
-
-
-def payload_bits(frame: Frame) -> list[int]:
-    return [bit for byte in frame.data for bit in bits(byte, 8)]
-
-
-def crc_by_division(body: list[int]) -> int:
+def crc_by_division(body: str) -> int:
     """The remainder of the polynomial division, in whole numbers."""
-    rest = int("".join(map(str, body)), 2) << 15
+    rest = int(body, 2) << 15
     while rest.bit_length() > 15:
         rest ^= 0xC599 << (rest.bit_length() - 16)
     return rest
@@ -58,25 +52,27 @@ def crc_by_division(body: list[int]) -> int:
 
 @given(frame=frames(st.just(False)))
 def test_a_classic_frame_has_the_bits_of_its_fields(frame):
-    body = header(frame) + length_bits(frame) + payload_bits(frame)
-    sent = on_the_wire(body + bits(crc_by_division(body), 15))
-    assert sent_bits(frame).stuffed == "".join(str(bit) for bit, _ in sent)
+    body = header(frame) + content(frame)
+    sent, _ = on_the_wire(f"{body}{crc_by_division(body):015b}")
+    assert sent_bits(frame).stuffed == sent
     # CRC delimiter, acknowledge, its delimiter, end of frame, intermission.
     assert sent_bits(frame).total == (len(sent) + 1 + 1 + 1 + 7 + 3, 0)
+    assert sent_bits(frame, error_passive=True) == sent_bits(frame)
 
 
-@given(frame=frames(st.just(True)))
-def test_a_can_fd_frame_has_the_bits_of_its_fields(frame):
-    before = header(frame)
-    sent = on_the_wire(before + length_bits(frame) + payload_bits(frame))
-    if sent[-1][1]:
-        sent.pop()  # the fixed stuff bit before the stuff count stands there anyway
-    plain = [index for index, (_, is_stuff) in enumerate(sent) if not is_stuff]
+@given(frame=frames(st.just(True)), passive=st.booleans())
+def test_a_can_fd_frame_has_the_bits_of_its_fields(frame, passive):
+    before = header(frame)[:-1] + str(int(passive))
+    sent, plain = on_the_wire(before + content(frame))
+    sent = sent[: plain[-1] + 1]  # the fixed stuff bit before the stuff count stands there anyway
     switch = plain[len(before) - 1]  # ESI is the first bit at the data bit rate
     crc = 17 if len(frame.data) <= 16 else 21
     fixed = -(-(4 + crc) // 4)  # before the stuff count, then after every fourth bit of stuff count and CRC
-    assert sent_bits(frame).stuffed == "".join(str(bit) for bit, _ in sent)
-    assert sent_bits(frame).total == (switch + 1 + 2 + 7 + 3, len(sent) - switch + 4 + crc + fixed)
+    assert sent_bits(frame, error_passive=passive).stuffed == sent
+    assert sent_bits(frame, error_passive=passive).total == (
+        switch + 1 + 2 + 7 + 3,
+        len(sent) - switch + 4 + crc + fixed,
+    )
 
 
 def test_the_published_worst_case_of_stuffing_and_check_value():
@@ -95,12 +91,6 @@ def test_every_stuff_bit_in_the_identifier_is_known():
     assert [k for k in range(20) if is_arbitration_stuff_bit(frame, k)] == [5, 11]
     assert [k for k in range(20) if frame_bits.is_arbitration_bit(frame, k)] == list(range(1, 14))
     assert not any(is_arbitration_stuff_bit(Frame(frame_id=0x555, data=b""), k) for k in range(40))
-
-
-def test_an_error_passive_sender_says_so_in_can_fd_alone():
-    fd, classic = Frame(frame_id=0x555, data=b"\x55"), Frame(frame_id=0x555, data=b"\x55", is_fd=False)
-    assert sent_bits(fd).stuffed != sent_bits(fd, error_passive=True).stuffed
-    assert sent_bits(classic) == sent_bits(classic, error_passive=True)
 
 
 @given(frame=frames())
@@ -127,26 +117,18 @@ def test_the_smaller_priority_is_the_one_whose_bits_win(one, other, meet):
         assert one.identifier == other.identifier
 
 
-def test_times_are_the_bits_at_their_rates():
-    frame = Frame(frame_id=0x120, data=bytes(16))
-    for (nominal, data), in_ns in (
-        (sent_bits(frame).total, frame_bits.frame_ns),
-        (worst_case_bits(frame), frame_bits.worst_case_ns),
-    ):
-        assert in_ns(frame, nominal_bitrate=500_000, data_bitrate=2_000_000) == nominal * 2000 + data * 500
+def test_times_are_the_bits_at_their_rates_rounded_up():
+    assert frame_bits.bits_ns(4, 2, nominal_bitrate=500_000, data_bitrate=2_000_000) == 4 * 2000 + 2 * 500
     assert frame_bits.bits_ns(1, 0, nominal_bitrate=3, data_bitrate=1) == 333_333_334
     with pytest.raises(ValueError, match="data bit rate 0: must be positive"):
         frame_bits.bits_ns(1, 1, nominal_bitrate=1, data_bitrate=0)
 
 
-def test_classic_bound_is_the_published_one():
+def test_the_classic_bound_is_the_published_one_and_that_of_can_fd_is_a_sum_by_hand():
     """55 + 10 n bits for 11-bit identifiers (Davis et al. 2007)."""
     for length, bits in ((0, 55), (1, 65), (4, 95), (8, 135)):
         assert worst_case_bits(Frame(frame_id=1, data=bytes(length), is_fd=False)) == (bits, 0), length
-
-
-def test_fd_bound_by_hand():
-    """ESI and DLC, data, stuff bits after the 4 charged to the arbitration phase, CRC field."""
+    # ESI and DLC, data, stuff bits after the 4 charged to the arbitration phase, CRC field.
     sums = {0: 5 + 0 + 1 + 27, 16: 5 + 128 + 33 + 27, 20: 5 + 160 + 41 + 32, 64: 5 + 512 + 129 + 32}
     for length, data_bits in sums.items():
         assert worst_case_bits(Frame(frame_id=1, data=bytes(length))) == (17 + 4 + 13, data_bits), length
