@@ -32,7 +32,6 @@ class Measurement(NamedTuple):
 
 MEASUREMENTS: Final = {
     "controller": Measurement("controller.latency", "time of a control step: PyTorch, ONNX, C"),
-    "controller-loop": Measurement("controller.loop", "drag with ONNX and C, in float32 and int8, in the closed loop"),
     "runtimes": Measurement("controller.runtimes", "the release's graph in other runtimes of ONNX", "a minute"),
     "weights": Measurement("release.weights", "what a weight of the cost changes, in the closed loop", "minutes"),
     "mcu": Measurement("controller.mcu", "memory, instructions and modelled time on an emulated Cortex-M7", "minutes"),

@@ -38,7 +38,6 @@ TABLES: Final = {
     "campaign": PageTable(release.campaign, ("campaign",)),
     "can_load": PageTable(bus.can_load, tuple(bus.CAN_LOADS), "can_load_fd"),
     "controller": PageTable(controller.latency, ("controller",), "controller"),
-    "controller_loop": PageTable(controller.loop, ("controller_loop",), "controller_loop"),
     "demo": PageTable(release.demo, ("demo",)),
     "drive": PageTable(release.drive, ("drive",)),
     "ecu_c": PageTable(ecu.twin, ("ecu_c",)),
