@@ -31,18 +31,14 @@ class Measurement(NamedTuple):
 
 
 MEASUREMENTS: Final = {
-    "wake-speed": Measurement("controller.wake_speed", "what a time step of the plant costs, and where the time goes"),
     "controller": Measurement("controller.latency", "time of a control step: PyTorch, ONNX, C"),
-    "controller-loop": Measurement("controller.loop", "drag with ONNX and C, in float32 and int8, in the closed loop"),
     "runtimes": Measurement("controller.runtimes", "the release's graph in other runtimes of ONNX", "a minute"),
     "weights": Measurement("release.weights", "what a weight of the cost changes, in the closed loop", "minutes"),
-    "iterations": Measurement("release.iterations", "how iterations change the cost, by pairs of runs", "minutes"),
     "mcu": Measurement("controller.mcu", "memory, instructions and modelled time on an emulated Cortex-M7", "minutes"),
     "bounds": Measurement("controller.bounds", "the firmware's loops, calls and stack, as GCC reports them", "minutes"),
     "release-figures": Measurement(
         "release.release_figures", "the paper's figures of control: forecasts, distributions, mean fields", "a minute"
     ),
-    "attack-tools": Measurement("bus.attack_tools", "what scapy's scanners find in an ECU with slots", "minutes"),
     "sensor-check": Measurement("ecu.sensor_check", "the ECU's sensor check: false alarms and found faults", "minutes"),
     "release-loop": Measurement(
         "release.release_loop", "the shipped release from five phases of the shedding cycle", "minutes"

@@ -29,7 +29,6 @@ class PageTable(NamedTuple):
 
 
 TABLES: Final = {
-    "attack_tools": PageTable(bus.attack_tools, ("attack_tools",)),
     "authentication": PageTable(bus.authentication, ("bus", "bus_studies"), "bus_studies"),
     "bounds": PageTable(controller.bounds, ("bounds",)),
     "bundle_fuzz": PageTable(release.bundle_fuzz, ("bundle_fuzz",)),
@@ -39,7 +38,6 @@ TABLES: Final = {
     "campaign": PageTable(release.campaign, ("campaign",)),
     "can_load": PageTable(bus.can_load, tuple(bus.CAN_LOADS), "can_load_fd"),
     "controller": PageTable(controller.latency, ("controller",), "controller"),
-    "controller_loop": PageTable(controller.loop, ("controller_loop",), "controller_loop"),
     "demo": PageTable(release.demo, ("demo",)),
     "drive": PageTable(release.drive, ("drive",)),
     "ecu_c": PageTable(ecu.twin, ("ecu_c",)),
@@ -47,7 +45,6 @@ TABLES: Final = {
     "flash_c": PageTable(ecu.flash_c, ("flash_c",), "flash_c"),
     "flash_pieces": PageTable(ecu.flash_pieces, ("flash_pieces",)),
     "flash_proof": PageTable(ecu.flash_proof, ("flash",)),
-    "iterations": PageTable(release.iterations, ("iterations",)),
     "latency": PageTable(bus.latency, ("latency",)),
     "limits": PageTable(
         release.limits, ("demo", "limit_late_start", "limit_latency", "limit_iterations"), "limit_latency"
@@ -68,7 +65,6 @@ TABLES: Final = {
     "sensor_check_faults": PageTable(ecu.faults, ("sensor_check",), "sensor_check"),
     "square_loop": PageTable(release.release_loop, ("square_loop",)),
     "steady": PageTable(release.steady, ("steady", "demo")),
-    "steps": PageTable(controller.steps, ("wake_speed",), "wake_speed"),
     "summary": PageTable(
         release.summary, ("demo", "openfoam_loop", "open_loop", "release_loop", "roads", "drive"), "demo"
     ),

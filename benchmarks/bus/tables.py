@@ -69,31 +69,6 @@ On {found["date"]}, of {forged["tried"]:,} forged, replayed, reflected and mutat
 the {forged["genuine"]:,} genuine frames between them {forged["genuine_refused"]} were refused."""
 
 
-_FEW: Final = 4
-"""Length of the longest list that the table of the attack tools shows. For longer lists it shows only the length."""
-
-
-def attack_tools(found: Any) -> str:
-    """Return the table of what scapy's scanners found out about the ECU."""
-    figures, versions = found["figures"], found["facts"]["versions"]
-    texts = {
-        "isotp": "ISO-TP endpoints",
-        "xcp": "XCP slaves",
-        "requests": "UDS requests",
-        "services": "services that answer",
-        "identifiers": "identifiers that can be read",
-        "seeds": "levels that give a seed",
-        "unlocked": "levels unlocked",
-    }
-    rows = []
-    for name, text in texts.items():
-        value = figures[name]
-        if isinstance(value, list):
-            value = len(value) if len(value) > _FEW else ", ".join(value)
-        rows.append((text, value))
-    return f"{table(('found', ''), rows)}\n\nMeasured on {found['date']}, scapy {versions['scapy']}."
-
-
 def bus_runs(*runs: Any) -> str:
     """Return the table of the closed loop on each bus, from the results of `RUNS`."""
     rows = []

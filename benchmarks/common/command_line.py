@@ -1,11 +1,9 @@
-"""The code that the measurements share: options, the consoles for tables and for progress, the output of figures, calls
-of `stillwake`, and the stored parts of a long study, so that an interrupted study can be continued.
+"""The code that the measurements share: options, the consoles for tables and for progress, the output of figures, and
+the stored parts of a long study, so that an interrupted study can be continued.
 """
 
 import hashlib
 import json
-import subprocess
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from datetime import date
 from functools import partial
@@ -15,7 +13,6 @@ from typing import Annotated, Any, Final, TypeVar
 import typer
 
 from contract.atomic import replacing
-from contract.errors import StillwakeError
 from contract.side_by_side import process_pool
 from stillwake.console.outputs import save_json
 from stillwake.console.progress import progress
@@ -59,22 +56,6 @@ def track(items: Iterable[T], label: str, unit: str, total: int | None = None) -
         for done, item in enumerate(items, start=1):
             yield item
             report(label, done, total)
-
-
-def stillwake(*arguments: object) -> None:
-    """Run one command of this source tree; raises StillwakeError if the command fails."""
-    words = [str(argument) for argument in arguments]
-    with subprocess.Popen([sys.executable, "-m", "stillwake", *words]) as process:
-        try:
-            status = process.wait()
-        except BaseException:
-            # The command deletes its own temporary files at its end. A stop signal may have reached only this process,
-            # so the command is asked to end here.
-            process.terminate()
-            process.wait()
-            raise
-    if status != 0:
-        raise StillwakeError(f"stillwake {' '.join(words)}: ended with status {status}")
 
 
 def part(path: Path, make: Callable[[], Any]) -> Any:

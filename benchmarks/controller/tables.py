@@ -1,27 +1,8 @@
-"""The tables of the controller (times of its implementations, closed loops with each of them, emulated cores), and of
-the plant's time step."""
+"""The tables of the controller: other runtimes, times of its implementations, emulated cores."""
 
-from typing import Any, Final
+from typing import Any
 
 from benchmarks.common.documents import table
-
-_NAMES: Final = {"onnx": "ONNX Runtime", "c": "C library"}
-
-
-def loop(found: Any) -> str:
-    """Return the table of the four loops: drag, lift, action, and the drag reductions relative to the first loop."""
-    rows = [
-        (
-            f"{_NAMES[row['lowering']]}, {row['precision']}",
-            f"{row['reduction_percent']:.2f} %",
-            f"{row['points']:+.2f}",
-            *(row[name] for name in ("abs_Cl_controlled", "mean_Cl_controlled", "rms_action")),
-            f"{row['mpc_ms_p50']:.2f} / {row['mpc_ms_p99']:.2f}",
-        )
-        for row in found["figures"]
-    ]
-    heads = ("", "less drag", "percentage points", "mean abs Cl", "mean Cl", "rms action", "ECU step, ms p50 / p99")
-    return table(heads, rows)
 
 
 def runtimes(found: Any) -> str:
@@ -149,17 +130,3 @@ def bounds(found: Any) -> str:
         ("this firmware built by GCC, at 480 MHz: longest period, bound", times),
     ]
     return table(("fullest firmware: loader, diagnosis, calibration, key of the bus", found["facts"]["compiler"]), rows)
-
-
-def steps(found: Any) -> str:
-    """Return the table of the computing time of a time step, for each mesh and precision."""
-    names = ("cpu_s_per_t_c", "forced_cpu_s_per_t_c", "ns_per_cell_and_step", "floor_sweeps_ns", "floor_transforms_ns")
-    rows = []
-    for row in found["figures"]:
-        poisson = f"{100 * row['shares']['Poisson']:.0f}"
-        rows.append((f"{row['cells']:,}, {row['precision']}", *(row[name] for name in names), poisson))
-    heads = (
-        "cells", "CPU s per t_c", "at full amplitude", "ns per cell and step", "floor: memory", "floor: transforms",
-        "Poisson, %",
-    )  # fmt: skip
-    return table(heads, rows)

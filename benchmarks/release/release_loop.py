@@ -17,7 +17,7 @@ import typer
 from scipy.stats import sem
 from scipy.stats import t as student_t
 
-from benchmarks.common.command_line import LOOP, JsonFile, Parts, Phases, Release, kept_runs, made_from, report
+from benchmarks.common.command_line import LOOP, JsonFile, Parts, Phases, Release, Workers, kept_runs, made_from, report
 from benchmarks.release.tables import release_loop
 from contract.config.loading import load_config
 from contract.config.tree import Config
@@ -49,14 +49,16 @@ def main(
     json_file: JsonFile = None,
     parts: Parts = Path("runs/release_loop"),
     phases: Phases = 5,
-    workers: Annotated[int, typer.Option(min=1, max=2, help="Number of processes for the runs.")] = 2,
+    workers: Workers = 2,
     bundle: Release = BUNDLE,
     config_file: Annotated[Path | None, typer.Option("--config", help="Settings of body and flow (TOML).")] = None,
 ) -> None:
     """Run the closed loop from every starting phase and print a table."""
     release = bundles.load(bundle)
     config = replace(load_config(config_file), mpc=release.manifest.mpc)
-    kept = kept_starts(parts, release, phases, config)
+    kept = CampaignFolder(parts / f"{made_from(release.digest)}_{phases}")
+    kept.start(0).parent.mkdir(parents=True, exist_ok=True)
+    keep_states(kept, starting_states(kept, config, phases))
     runs = {kept.path / f"phase_{number}.json": (kept.start(number),) for number in range(phases)}
     rows = kept_runs(partial(measured, bundle, config), runs, workers=workers, label="release")
     over_phases = spread(rows)
@@ -80,14 +82,6 @@ def run_from(start: Path, release: Bundle, config: Config, spans: Spans = SPANS,
     wake = TruckWake(config.flow, body=config.body)
     wake.reset(load_state(start))
     return Simulation(release, config, spans=spans, **others).run(wake)
-
-
-def kept_starts(parts: Path, release: Bundle, phases: int, config: Config) -> CampaignFolder:
-    """Return a folder for a release's runs, with initial states at `phases` phases of the shedding cycle."""
-    kept = CampaignFolder(parts / f"{made_from(release.digest)}_{phases}")
-    kept.start(0).parent.mkdir(parents=True, exist_ok=True)
-    keep_states(kept, starting_states(kept, config, phases))
-    return kept
 
 
 def with_net(row: Mapping[str, Any]) -> dict[str, Any]:

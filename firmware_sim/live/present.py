@@ -13,7 +13,6 @@ from contract.arrays import Array, Index
 from contract.config.tree import Config
 from contract.geometry import HALF_WIDTH, JET_WIDTH
 from contract.release.checks import Bundle
-from ecu.fail_safe import OperatingMode
 from firmware_sim.live.loop.live_run import LivePeriod, LiveRun
 from firmware_sim.live.loop.messages import KEPT_PERIODS, PERIOD_COLUMNS, Choice, LiveMessage, periods_message
 from firmware_sim.live.loop.noticing import UNPOWERED, SeenState
@@ -21,7 +20,6 @@ from firmware_sim.live.settings import SLIDERS, WEIGHT, LiveSettings
 from firmware_sim.runs.reasons import BECAUSE
 from wake.pictures.drawing import outline
 
-LIVE_SCHEMA: Final = "stillwake-live/1"
 _DIGITS: Final = 5
 """Number of decimals of plotted values; the last decimal is smaller than a pixel of any curve."""
 
@@ -34,7 +32,6 @@ def hello(
     slot = HALF_WIDTH - 0.5 * JET_WIDTH
     return {
         "type": "hello",
-        "schema": LIVE_SCHEMA,
         "version": version("stillwake"),
         "bundle": {
             "name": manifest.name,
@@ -44,7 +41,6 @@ def hello(
         },
         "run": run.number,  # number of the plant's start; k and t begin at 0 in each run
         "period_ms": config.period_ns / 1e6,
-        "convective_time_s": config.operating_point.convective_time,
         "control_period": config.flow.control_period,  # in t_c
         "action_limit": config.flow.action_limit,
         "horizon": manifest.mpc.horizon,
@@ -62,7 +58,6 @@ def hello(
         "jets": [[base, slot], [base, -slot]],  # upper slot, lower slot
         "view": list(run.levels.view) if run.levels else [],  # x and y limits of the picture, in W
         "raster": list(run.levels.size) if run.levels else [],  # width and height of the picture in pixels
-        "states": [mode.name for mode in OperatingMode],
         "reasons": {reason.name: text for reason, text in BECAUSE.items()},
         **{f"{what}s": list(found) for what, found in choices.items()},  # keys: controllers and plants
         "sliders": {name: asdict(slider) for name, slider in SLIDERS.items()},
@@ -78,9 +73,9 @@ def periods(run: int, new: Iterable[LivePeriod], base: Index) -> LiveMessage:
     return periods_message(run, ([_number(value) for value in _values(period, base)] for period in new))
 
 
-def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused: bool, losses: int) -> LiveMessage:
-    """Return the message about the latest period. It counts the frames lost in the latest `losses` periods."""
-    fail_safe, forces = run.state.fail_safe, run.ecu.ecu.trace.forces
+def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused: bool) -> LiveMessage:
+    """Return the message about the latest period."""
+    forces = run.ecu.ecu.trace.forces
     planned = forces is not None and latest.is_planned
     # The plan's first action acts during the latest period. Its effect is visible in the period's last sample, k + 1.
     return {
@@ -91,8 +86,6 @@ def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused
         "time_s": run.time_s(latest.k),
         "state": seen.state,  # name of an `OperatingMode`, or UNPOWERED or BOOT
         "reason": Reason(seen.reason).name,
-        "misses": fail_safe.misses,
-        "lost": min(fail_safe.lost.bit_count(), losses),  # number among the latest loss_window periods
         "set_aside": list(seen.set_aside),
         "given_up": seen.given_up,
         "plan": _rounded(run.state.memory.plan) if planned else [],

@@ -258,10 +258,8 @@ class LiveSession(NeverCopied):
     def _present(self, latest: LivePeriod) -> list[LiveMessage | bytes]:
         run, ticks = self._run, self._ticks
         passed = float(ticks[-1] - ticks[0]) if len(ticks) > 1 else 0.0
-        fps, losses = (len(ticks) - 1) / passed if passed > 0.0 else 0.0, self._config.ecu.loss_window
-        out: list[LiveMessage | bytes] = [
-            present.now(run, latest, self._seen, fps=fps, paused=self._paused, losses=losses)
-        ]
+        fps = (len(ticks) - 1) / passed if passed > 0.0 else 0.0
+        out: list[LiveMessage | bytes] = [present.now(run, latest, self._seen, fps=fps, paused=self._paused)]
         if latest.k % _SELDOM == 0 or self._paused:
             receivers = run.state.pressures, run.node.command_stream
             out.append(run.bus_table.message(run.number, *receivers, run.wired.errors()))

@@ -66,7 +66,7 @@ class LiveParts:
             ecu=ecus,
             ahead=ecus.ahead,
             controllers=controllers(release, self.library),
-            plants=plants(),
+            plants=plants(self.state),
             settings=self.settings,
             lead_in=self.lead_in,
         )
@@ -163,12 +163,14 @@ def controllers(release: Bundle, library: Path | None) -> "list[Choice]":
     ]
 
 
-def plants() -> "list[Choice]":
-    """Return the plants of the live loop, in the order of `firmware_sim.live.settings.PLANTS`."""
+def plants(state: Path | None = None) -> "list[Choice]":
+    """Return the plants of the live loop, in the order of `firmware_sim.live.settings.PLANTS`. `state` is the initial
+    state of the flow; None means the shipped state, which may not be installed."""
     from contract import shipped
 
+    missing_state = None if state is not None else _error_of(shipped.developed)
     return [
-        {"name": "wake", "label": "wake: responds to the jets", "missing": _error_of(shipped.developed)},
+        {"name": "wake", "label": "wake: responds to the jets", "missing": missing_state},
         {"name": "recording", "label": "recording: does not respond", "missing": _error_of(shipped.recording)},
     ]
 

@@ -44,9 +44,8 @@ def test_the_list_names_all(capsys):
 
 
 def test_an_error_of_the_user_is_one_line(tmp_path, capsys):
-    assert status_of("controller-loop", "--model", str(tmp_path)) == 1
-    err = capsys.readouterr().err
-    assert err.startswith("error: ") and "model.json cannot be read" in err and err.count("\n") == 1
+    assert status_of("release-loop", "--bundle", str(tmp_path / "none")) == 1
+    assert capsys.readouterr().err == f"error: bundle {tmp_path / 'none'}: no such directory\n"
 
 
 def test_a_result_has_date_figures_facts_and_machine(tmp_path):

@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import Final
 
 from can_bridge.bus.simulated.medium import BusActivity, Transmission
@@ -26,11 +26,10 @@ _NS: Final = 10**9
 @dataclass(kw_only=True, eq=False)
 class _Row:
     sender: str
+    lately: deque[int]  # number of frames in each period of the latest second
     count: int = 0
     last_ns: int = 0
     seen: int = 0  # number of frames in the present period
-    lately: deque[int] = field(default_factory=deque)  # number of frames in each of the latest periods
-    in_second: int = 0
 
 
 class BusTable:
@@ -53,7 +52,8 @@ class BusTable:
         row = self._rows.get(key)
         if row is None:
             babbles = seen.sender in PORT_NAMES.values() and not self._is_ours(key)
-            row = self._rows[key] = _Row(sender=_BABBLER if babbles else seen.sender)
+            sender = _BABBLER if babbles else seen.sender
+            row = self._rows[key] = _Row(sender=sender, lately=deque(maxlen=self._periods))
         row.last_ns = seen.end_ns
         row.count += 1
         row.seen += 1
@@ -64,7 +64,6 @@ class BusTable:
         """Count the frames of the period that has ended."""
         for row in self._rows.values():
             row.lately.append(row.seen)
-            row.in_second += row.seen - (row.lately.popleft() if len(row.lately) > self._periods else 0)
             row.seen = 0
         self._activity.append(activity)
         for frame_id, listener in self._listeners.items():
@@ -108,7 +107,7 @@ class BusTable:
             "name": self._names[frame_id] if ours else _UNKNOWN,
             "sender": row.sender,
             "count": row.count,
-            "rate_hz": row.in_second / seconds if seconds else None,
+            "rate_hz": sum(row.lately) / seconds if seconds else None,
             "age_ms": (now_ns - row.last_ns) / 1e6,
             "e2e": "" if state is None else (state.window[-1] if state.window else FrameCheck.NO_NEW_DATA).name,
             "e2e_state": "" if state is None else state.stream.name,  # NODATA, INIT, VALID or INVALID

@@ -18,49 +18,35 @@ import numpy as np
 from can_bridge.bus.faults.fault import NS, Span, WrappedBus
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.medium import SimulatedBus
-from can_bridge.wire.frame import Frame
 from contract.arrays import Array
 from contract.config.tree import Config
 from firmware_sim.bench.disturbances import NODES, Disturbances, NodeFault
 from firmware_sim.bench.disturbing import Disturbing
 
 
-class Plug:
-    """A bus that passes every call on to the bus `beneath`, which can be replaced while the loop runs."""
-
-    def __init__(self, beneath: Bus) -> None:
-        self.beneath = beneath
-
-    def send(self, frame: Frame) -> None:
-        self.beneath.send(frame)
-
-    def receive_all(self) -> list[Frame]:
-        return self.beneath.receive_all()
-
-
 class SwitchedPort(WrappedBus):
-    """A node's port whose layers change while the bus runs. Frames from the bus reach the first layer first."""
+    """A node's port whose layers change while the bus runs. Frames from the bus reach the first layer first. Beneath
+    each layer is a plug, a `WrappedBus` whose bus is replaced when the layer beneath it is removed."""
 
     def __init__(self, port: Bus) -> None:
-        self._plugs: list[Plug] = []
-        self._top = Plug(port)
-        super().__init__(self._top)
+        super().__init__(port)
+        self._plugs: list[WrappedBus] = []
 
     def __len__(self) -> int:
         return len(self._plugs)
 
-    def put(self, layer: Callable[[Bus], Bus]) -> Plug:
+    def put(self, layer: Callable[[Bus], Bus]) -> WrappedBus:
         """Add a layer around the present layers. Returns the plug that `take_out` needs to remove the layer."""
-        plug = Plug(self._top.beneath)
-        self._top.beneath = layer(plug)
+        plug = WrappedBus(self._bus)
+        self._bus = layer(plug)
         self._plugs.append(plug)
         return plug
 
-    def take_out(self, plug: Plug) -> None:
+    def take_out(self, plug: WrappedBus) -> None:
         """Remove the layer above this plug; frames that this layer still delays are lost."""
         place = self._plugs.index(plug)
-        above = self._plugs[place + 1] if place + 1 < len(self._plugs) else self._top
-        above.beneath = plug.beneath
+        above = self._plugs[place + 1] if place + 1 < len(self._plugs) else self
+        above._bus = plug._bus
         del self._plugs[place]
 
 
@@ -77,7 +63,7 @@ class _Item:
     span: Span
     work: Disturbing
     end: int = 0
-    plugs: list[tuple[SwitchedPort, Plug]] = field(default_factory=list)
+    plugs: list[tuple[SwitchedPort, WrappedBus]] = field(default_factory=list)
 
 
 class SwitchedDisturbances:

@@ -65,7 +65,6 @@ class Line(DirectConnection):
 
     Attributes:
         lose: called with each payload, to the ECU (True) and from it: whether it is lost.
-        double: whether each payload from the ECU comes twice.
         heard: all requests that reached the ECU.
         pending: answers of the ECU that it needs more time.
     """
@@ -75,7 +74,6 @@ class Line(DirectConnection):
         self.ecu = ecu
         self.time = VirtualTime() if time is None else time
         self.lose: Callable[[bytes, bool], bool] = lambda payload, to_ecu: False
-        self.double = False
         self.heard: list[bytes] = []
         self.pending = 0
         self._request = b""
@@ -114,7 +112,7 @@ class Line(DirectConnection):
         for payload in payloads:
             self.pending += payload[:1] == b"\x7f" and payload[2:] == b"\x78"
             if not self.lose(payload, False):
-                self._waiting.extend([payload] * (1 + self.double))
+                self._waiting.append(payload)
 
 
 def flash_over(line: Line, image: bytes, *, key: AccessKey = KEY, **others: Any) -> Flashed:

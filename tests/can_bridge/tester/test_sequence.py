@@ -2,7 +2,6 @@
 
 import hashlib
 from itertools import product
-from random import Random
 from typing import Any
 
 import pytest
@@ -241,7 +240,7 @@ def test_a_block_refused_once_begins_the_transfer_again() -> None:
 @pytest.mark.slow
 def test_a_mishap_at_any_one_request_is_overcome() -> None:
     """A lost answer, or the supply lost before or after a request was carried out; a request that is lost alone changes
-    nothing, as `test_lost_and_doubled_payloads_only_cost_time` shows."""
+    nothing, and frames that are lost or doubled only cost time, as `test_transport.py` shows."""
     whole, _ = fresh()
     flashed(whole)
     blocks, reads = (
@@ -264,18 +263,3 @@ def test_a_mishap_at_any_one_request_is_overcome() -> None:
         line.lose = lose
         case = (number, whole.heard[number][:4], to_ecu, loses_power)
         assert (flashed(line).end, ecu.runs) == (End.CONFIRMED, "new"), case
-
-
-@pytest.mark.slow
-def test_lost_and_doubled_payloads_only_cost_time() -> None:
-    for seed, rate, doubled in ((1, 0.01, False), (2, 0.1, True), (3, 0.3, False)):
-        line, ecu = fresh()
-        draws = Random(seed)
-        line.lose = lambda payload, to_ecu: draws.random() < rate  # noqa: B023
-        line.double = doubled
-        try:
-            flashed(line)
-        except (messages.NoAnswerError, messages.LostError, messages.NotPassedError):
-            # It may end, but never with a release that is neither the old nor the new one.
-            ecu.power_on()
-        assert ecu.runs in ("old", "new"), (seed, rate)

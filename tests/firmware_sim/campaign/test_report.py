@@ -81,6 +81,7 @@ def test_an_unsafe_campaign_is_marked_before_anything_else(tmp_path, no_pictures
     assert "UNSAFE: bad, worse" in page[box : page.index("<table>")]
     assert "phase 0: period 3: jets_shut: &lt;em&gt;" in page
     assert "did not finish: it diverged" in page
+    assert re.findall(r'<p class="trouble">(.*)</p>', page) == ["Broken: 1 times.", "Not every run finished."]
 
 
 def test_curves_take_the_scenarios_of_their_name_alone(some_rows) -> None:

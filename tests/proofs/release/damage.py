@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping
 from random import Random
 from typing import Any, Final
 
+from tests.contract.release.resealing import sealed
+
 MANIFEST: Final = "manifest.json"
 _NUMBERS: Final = (0, 1, 2, 45, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFE, 0xFFFFFFFF)
 _NESTED: Final = tuple("[" * depth + "0" + "]" * depth for depth in (10, 31, 33, 200))
@@ -39,13 +41,6 @@ def bytes_of(rng: Random, sound: bytes) -> bytes:
         if not content:
             break
     return bytes(content)
-
-
-def sealed(body: Mapping[str, Any]) -> bytes:
-    """A manifest whose own hash is right, by `json` and `hashlib` alone."""
-    body = {key: value for key, value in body.items() if key != "manifest_sha256"}
-    plain = json.dumps(body, sort_keys=True, separators=(",", ":")).encode()
-    return json.dumps({**body, "manifest_sha256": hashlib.sha256(plain).hexdigest()}).encode()
 
 
 def manifest_of(rng: Random, sound: bytes) -> bytes:

@@ -14,6 +14,7 @@ from typing import Any
 import psutil
 import pytest
 
+import contract.shipped
 from contract.config.loading import load_config
 from contract.shipped import BUNDLE
 from ecu.stepped import LoopEcu
@@ -43,6 +44,9 @@ def test_a_choice_names_what_it_lacks(short_release, monkeypatch):
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setattr("ecu.in_c.compiler.zig_compiler", lambda: None)
     assert "compiler" in str(missing_of(shipped)["c"])
+    monkeypatch.setattr(contract.shipped, "_DATA", Path("nowhere"))
+    assert "is not installed" in str(plants()[0]["missing"])
+    assert plants(Path("own.npz"))[0]["missing"] is None
 
 
 def test_an_ecu_in_c_is_made_once_and_each_wait_is_told(monkeypatch):
