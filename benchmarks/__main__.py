@@ -31,9 +31,11 @@ class Measurement(NamedTuple):
 
 
 MEASUREMENTS: Final = {
+    "wake-speed": Measurement("controller.wake_speed", "what a time step of the plant costs, and where the time goes"),
     "controller": Measurement("controller.latency", "time of a control step: PyTorch, ONNX, C"),
     "runtimes": Measurement("controller.runtimes", "the release's graph in other runtimes of ONNX", "a minute"),
     "weights": Measurement("release.weights", "what a weight of the cost changes, in the closed loop", "minutes"),
+    "iterations": Measurement("release.iterations", "how iterations change the cost, by pairs of runs", "minutes"),
     "mcu": Measurement("controller.mcu", "memory, instructions and modelled time on an emulated Cortex-M7", "minutes"),
     "bounds": Measurement("controller.bounds", "the firmware's loops, calls and stack, as GCC reports them", "minutes"),
     "release-figures": Measurement(

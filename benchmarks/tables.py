@@ -45,6 +45,7 @@ TABLES: Final = {
     "flash_c": PageTable(ecu.flash_c, ("flash_c",), "flash_c"),
     "flash_pieces": PageTable(ecu.flash_pieces, ("flash_pieces",)),
     "flash_proof": PageTable(ecu.flash_proof, ("flash",)),
+    "iterations": PageTable(release.iterations, ("iterations",)),
     "latency": PageTable(bus.latency, ("latency",)),
     "limits": PageTable(
         release.limits, ("demo", "limit_late_start", "limit_latency", "limit_iterations"), "limit_latency"
@@ -65,6 +66,7 @@ TABLES: Final = {
     "sensor_check_faults": PageTable(ecu.faults, ("sensor_check",), "sensor_check"),
     "square_loop": PageTable(release.release_loop, ("square_loop",)),
     "steady": PageTable(release.steady, ("steady", "demo")),
+    "steps": PageTable(controller.steps, ("wake_speed",), "wake_speed"),
     "summary": PageTable(
         release.summary, ("demo", "openfoam_loop", "open_loop", "release_loop", "roads", "drive"), "demo"
     ),

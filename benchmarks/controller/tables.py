@@ -130,3 +130,17 @@ def bounds(found: Any) -> str:
         ("this firmware built by GCC, at 480 MHz: longest period, bound", times),
     ]
     return table(("fullest firmware: loader, diagnosis, calibration, key of the bus", found["facts"]["compiler"]), rows)
+
+
+def steps(found: Any) -> str:
+    """Return the table of the computing time of a time step, for each mesh and precision."""
+    names = ("cpu_s_per_t_c", "forced_cpu_s_per_t_c", "ns_per_cell_and_step", "floor_sweeps_ns", "floor_transforms_ns")
+    rows = []
+    for row in found["figures"]:
+        poisson = f"{100 * row['shares']['Poisson']:.0f}"
+        rows.append((f"{row['cells']:,}, {row['precision']}", *(row[name] for name in names), poisson))
+    heads = (
+        "cells", "CPU s per t_c", "at full amplitude", "ns per cell and step", "floor: memory", "floor: transforms",
+        "Poisson, %",
+    )  # fmt: skip
+    return table(heads, rows)

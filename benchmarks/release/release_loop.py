@@ -56,9 +56,7 @@ def main(
     """Run the closed loop from every starting phase and print a table."""
     release = bundles.load(bundle)
     config = replace(load_config(config_file), mpc=release.manifest.mpc)
-    kept = CampaignFolder(parts / f"{made_from(release.digest)}_{phases}")
-    kept.start(0).parent.mkdir(parents=True, exist_ok=True)
-    keep_states(kept, starting_states(kept, config, phases))
+    kept = kept_starts(parts, release, phases, config)
     runs = {kept.path / f"phase_{number}.json": (kept.start(number),) for number in range(phases)}
     rows = kept_runs(partial(measured, bundle, config), runs, workers=workers, label="release")
     over_phases = spread(rows)
@@ -82,6 +80,14 @@ def run_from(start: Path, release: Bundle, config: Config, spans: Spans = SPANS,
     wake = TruckWake(config.flow, body=config.body)
     wake.reset(load_state(start))
     return Simulation(release, config, spans=spans, **others).run(wake)
+
+
+def kept_starts(parts: Path, release: Bundle, phases: int, config: Config) -> CampaignFolder:
+    """Return a folder for a release's runs, with initial states at `phases` phases of the shedding cycle."""
+    kept = CampaignFolder(parts / f"{made_from(release.digest)}_{phases}")
+    kept.start(0).parent.mkdir(parents=True, exist_ok=True)
+    keep_states(kept, starting_states(kept, config, phases))
+    return kept
 
 
 def with_net(row: Mapping[str, Any]) -> dict[str, Any]:

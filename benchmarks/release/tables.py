@@ -12,6 +12,17 @@ from typing import Any
 from benchmarks.common.documents import table
 
 
+def iterations(found: Any) -> str:
+    """Return the table that states how the iterations change the cost in each case."""
+    facts, rows = found["facts"], []
+    for name, change in found["figures"]["change_percent"].items():
+        interval = f"{change['lower']:.2f} .. {change['upper']:.2f}" if facts["pairs"][name] else "no iterations"
+        rows.append((name, facts["pairs"][name], f"{change['mean']:.2f}", interval))
+    return f"""{table(("case", "pairs of runs", "change of the cost by the iterations, %", "95 % interval"), rows)}
+
+Measured on {found["date"]} with {facts["bundle"]}, default mesh, int8, through CAN."""
+
+
 def release_forecasts(found: Any) -> str:
     """Return the table of the errors of the controller's forecasts in the closed loop."""
     figures = found["figures"]

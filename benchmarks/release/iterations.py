@@ -1,0 +1,119 @@
+"""The improvement of the prior's plan by the controller's iterations, measured in pairs of runs with and without
+iterations.
+
+    python -m benchmarks iterations [--workers 2] [--json FILE]
+
+A release's iterations act on the cost terms for which its prior was not trained (`unknown_to_prior` in
+`contract.controller.goal`). So the run without iterations uses the same release, with the weights of these terms set to
+0. If a case itself sets these weights to 0, the controller would iterate in neither run. Such a case is not run. In
+every other case, the cost is computed with the case's weights from the flow over the whole averaged time. Both runs of
+a pair start in the same wake. The table shows the change of the cost in per cent, with the 95 % interval of the mean
+change by Student's t.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Final, NamedTuple
+
+import numpy as np
+import typer
+
+from benchmarks.common.command_line import JsonFile, Parts, Release, Workers, kept_runs, report
+from benchmarks.release import tables
+from benchmarks.release.release_loop import SPANS, facts_of, half_width_95, kept_starts, run_from
+from contract.config.controller import CostWeights
+from contract.config.loading import load_config
+from contract.controller.calibration import Calibration
+from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT
+from contract.release import bundle as bundles
+from contract.shipped import BUNDLE
+from ecu.calibrating import release_calibration
+from firmware_sim.runs.statistics import NoAverages, averages
+
+
+class Case(NamedTuple):
+    """The differences between a case and the goal with which the prior was trained. `limit` is the action limit as a
+    share of the release's limit. `delay` is the actuator's delay in control periods; the ECU knows this delay."""
+
+    name: str
+    weights: Mapping[str, float] = {}
+    limit: float = 1.0
+    delay: int = 0
+
+
+CASES: Final = (
+    Case("trained goal"),
+    Case("jets limited to 60 %", limit=0.6),
+    Case("known delay of 12 periods", delay=12),
+    Case("effort four times the dearest", {"effort": 4.0 * DEAREST_EFFORT}),
+    Case("lift four times the dearest", {"lift": 4.0 * DEAREST_LIFT}),
+    Case("smoothness of 300", {"smoothness": 300.0}),
+)
+NONE: Final = {"drag_fluctuation": 0.0, "lift_mean": 0.0, "smoothness": 0.0, "rate": 0.0, "prior": 0.0}
+"""Weights of the cost terms for which the prior was not trained; these values are used in the runs without
+iterations."""
+
+
+def main(
+    json_file: JsonFile = None,
+    parts: Parts = Path("runs/iterations"),
+    phases: Annotated[int, typer.Option(min=2, max=25, help="Number of starts, spread over a shedding cycle.")] = 3,
+    workers: Workers = 1,
+    bundle: Release = BUNDLE,
+) -> None:
+    """Run all pairs of runs and print a table."""
+    release = bundles.load(bundle)
+    config = load_config()
+    kept = kept_starts(parts, release, phases, config)
+    own = release_calibration(release, replace(config, mpc=release.manifest.mpc))
+    acting = [case for case in CASES if calibrated(own, case, iterated=True) != calibrated(own, case, iterated=False)]
+    runs = {
+        kept.path / f"{case.name}_{phase}_{'with' if iterated else 'without'}.json": (kept.start(phase), case, iterated)
+        for case in acting
+        for phase in range(phases)
+        for iterated in (True, False)
+    }
+    costs = kept_runs(partial(outcome, bundle), runs, workers=workers, label="iterations")
+    changes: dict[str, list[float]] = {case.name: [] for case in acting}
+    for (_, case, _), with_them, without in zip(list(runs.values())[::2], costs[::2], costs[1::2], strict=True):
+        changes[case.name].append(100.0 * (with_them["cost"] / without["cost"] - 1.0))
+    figures = {case.name: _interval(changes.get(case.name, [0.0, 0.0])) for case in CASES}
+    pairs = {case.name: len(changes.get(case.name, ())) for case in CASES}
+    facts = facts_of(release, iterations=release.manifest.mpc.iterations, pairs=pairs)
+    upper = figures[CASES[0].name]["upper"]
+    report(json_file, {"change_percent": figures, "change_percent_upper": upper}, facts, tables.iterations)
+
+
+def _interval(values: list[float]) -> dict[str, float]:
+    mean, half = float(np.mean(values)), half_width_95(values)
+    return {"mean": mean, "lower": mean - half, "upper": mean + half}
+
+
+def calibrated(own: Calibration, case: Case, *, iterated: bool) -> Calibration:
+    """Return the calibration of a run, with the weights of the case. If `iterated` is False, the weights of all terms
+    for which the prior was not trained are 0, so the controller does not iterate."""
+    weights = replace(own.weights, **case.weights)
+    if not iterated:
+        weights = replace(weights, **NONE)
+    return replace(own, weights=weights, action_limit=case.limit * own.action_limit, delay_steps=case.delay)
+
+
+def outcome(bundle: Path, start: Path, case: Case, iterated: bool) -> dict[str, float]:
+    """Return the cost of the averaged part of a run, with the case's weights."""
+    release = bundles.load(bundle)
+    config = replace(load_config(), mpc=release.manifest.mpc)
+    ecu, vehicle = replace(config.ecu, delay_steps=case.delay), replace(config.vehicle, actuator_delay=case.delay)
+    config = replace(config, ecu=ecu, vehicle=vehicle)
+    own = release_calibration(release, config)
+    log = run_from(start, release, config, calibration=calibrated(own, case, iterated=iterated))
+    found = averages(log)
+    if isinstance(found, NoAverages):
+        raise RuntimeError(f"{case.name}: {found}")
+    under = found.under
+    weights: CostWeights = calibrated(own, case, iterated=True).weights
+    action = log.series["action"][-round((SPANS.controlled - SPANS.settle) / config.flow.control_period) :]
+    steps = float(np.mean(np.diff(action) ** 2))
+    cost = weights.drag_mean * under.Cd + weights.lift * under.abs_Cl + weights.effort * under.rms_action**2
+    return {"cost": cost + weights.smoothness * steps, "Cd": under.Cd, "abs_Cl": under.abs_Cl, "steps": steps}
