@@ -9,6 +9,7 @@ that shedding does not cause.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import ceil
 from typing import Final
 
 import numpy as np
@@ -22,7 +23,7 @@ from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 # After an impulsive start, the time step must be small until the first transients have left the leading edge. Each pair
-# is (dt, number of steps).
+# is (dt, number of steps); a plant with a shorter time step takes more steps in the same time.
 _RAMP: Final = ((1e-4, 200), (1e-3, 200), (2e-3, 1000), (4e-3, 500))
 _KICK_STEPS: Final = 50
 _KICK_AMPLITUDE: Final = 2.0 / 3.0
@@ -31,8 +32,9 @@ _KICK_AMPLITUDE: Final = 2.0 / 3.0
 def start_from_rest(wake: TruckWake) -> None:
     """Set the plant to uniform flow, run it until the first transients leave the leading edge, and zero its clock."""
     wake.reset(State(flat=wake.solver.start().flat, substep=0, action=0.0))
-    for dt, steps in _RAMP:
-        wake.solver.run(wake.flow, dt=dt, steps=steps, action_from=0.0, action_to=0.0)
+    for longest, steps in _RAMP:
+        dt = min(longest, wake.dt)
+        wake.solver.run(wake.flow, dt=dt, steps=ceil(steps * (longest / dt)), action_from=0.0, action_to=0.0)
 
 
 def develop(

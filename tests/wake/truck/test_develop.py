@@ -37,6 +37,14 @@ def test_a_linear_flow_is_interpolated_exactly():
     assert truck_grid(0.38).slot_cells == 2
 
 
+@pytest.mark.slow  # 4 t_c in small steps
+def test_a_start_from_rest_takes_no_longer_steps_than_the_plant():
+    """At Re = 8 viscosity allows less than half of the start's longest step."""
+    wake = TruckWake(FlowConfig(reynolds=8.0, refinement=0.4, substeps=110))
+    develop.start_from_rest(wake)
+    assert wake.t == 0.0 and 5.0 < wake.sample().Cd < 10.0
+
+
 @pytest.mark.slow  # 25 t_c of the wake
 def test_the_wake_goes_on_shedding_on_the_coarse_grid():
     wake = TruckWake(COARSE)
