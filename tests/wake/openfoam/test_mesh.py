@@ -139,7 +139,9 @@ def test_faces_and_patches_are_in_the_order_that_openfoam_wants(written):
 @pytest.mark.skipif(shutil.which("checkMesh") is None, reason="needs checkMesh (Debian package openfoam)")
 def test_checkmesh_finds_nothing_wrong(coarse_mesh, tmp_path):
     case.write_mesh(tmp_path, coarse_mesh)
-    case.write_settings(tmp_path, coarse_mesh, FlowConfig(), end=1.0, dt=0.01, steps_per_write=100, steps_per_sample=20)
+    case.write_settings(
+        tmp_path, coarse_mesh, FlowConfig(), end=1.0, dt=np.float64(0.01), steps_per_write=100, steps_per_sample=20
+    )
     said = subprocess.run(
         ["checkMesh"], cwd=tmp_path, env={"WM_PROJECT_DIR": "/usr/share/openfoam", **os.environ},
         capture_output=True, text=True, check=True,
