@@ -111,12 +111,18 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
     def reset(self, state: FoamState) -> Sample:
         """Restart icoFoam from a state. The restart is not exact: one control period later, the forces differ by a
         fraction of a percent from the forces of an uninterrupted run. Raises PlantError if the state has another mesh
-        or is not finite, or icoFoam does not start."""
+        or clock or is not finite, or icoFoam does not start."""
         velocity = state.velocity
         if len(velocity) != len(self.mesh.cells):
             raise PlantError(f"flow state has {len(velocity)} cells, this mesh has {len(self.mesh.cells)}")
         if not (np.isfinite(velocity).all() and np.isfinite(state.pressure).all()):
             raise PlantError("flow state holds values that are not finite")
+        # As in stillwake's solver, a state at t = 0 can continue with any clock.
+        if state.substep and (abs(state.dt - self.dt) > 1e-9 or state.substep % self.config.substeps):
+            raise PlantError(
+                f"flow state is at step {state.substep} of a clock with dt = {state.dt:g}, this plant has "
+                f"{self.config.substeps} substeps of {self.dt:g} in a control period"
+            )
         self.close()
         shutil.rmtree(self._case, ignore_errors=True)
         case.write_mesh(self._case, self.mesh)
