@@ -15,7 +15,7 @@ from contract.errors import ConfigError, PlantError
 from tests.each import each
 from wake.plant.drive import PROFILES, Drive, Gust, Wind, find_drive
 from wake.solver import boundary
-from wake.solver.grid import Flow, from_faces
+from wake.solver.grid import Flow, Grid
 from wake.solver.navier_stokes import FlowSolver
 from wake.truck.truck_wake import TruckWake
 
@@ -92,7 +92,7 @@ def test_a_file_is_read_and_a_wrong_one_named_by_line_and_value(tmp_path):
 
 def uniform(wind: Wind | None, time: float, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """u, v and p in a stream without a body, after a time."""
-    grid = from_faces(np.linspace(-1.0, 5.0, 25), np.linspace(-1.0, 1.0, 13))
+    grid = Grid(xf=np.linspace(-1.0, 5.0, 25), yf=np.linspace(-1.0, 1.0, 13))
     everywhere = boundary.build(grid, lambda x, y: np.ones_like(np.asarray(x, dtype=float)))
     solver = FlowSolver(grid, everywhere, 1 / 500)
     flow = Flow.zeros(grid.shape)

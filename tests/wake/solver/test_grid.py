@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from contract import geometry
 from tests.examples import examples
 from wake.solver import boundary
-from wake.solver.grid import bilinear, box_grid, from_faces, truck_grid
+from wake.solver.grid import Grid, bilinear, box_grid, truck_grid
 
 
 def test_grid_is_symmetric_and_smooth_and_the_one_all_shipped_data_was_recorded_on():
@@ -60,7 +60,7 @@ def _disc(x: npt.ArrayLike, y: npt.ArrayLike) -> npt.NDArray[np.float64]:
 def _ghost_error(cells: int) -> float:
     """Largest error of the ghosts around a disc, for a smooth field that vanishes on it."""
     faces = np.linspace(-1.0, 1.0, cells + 1)
-    grid = from_faces(faces, faces)
+    grid = Grid(xf=faces, yf=faces)
     walls = boundary.build(grid, _disc)
     x, y = np.meshgrid(grid.xf, grid.yc, indexing="ij")
     exact = np.zeros((cells + 1, cells + 2))

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from contract.arrays import Array
 from wake.solver import boundary
-from wake.solver.grid import Flow, from_faces
+from wake.solver.grid import Flow, Grid
 from wake.solver.navier_stokes import FlowSolver
 
 # Height, and velocity along the lid on the vertical centreline: Ghia et al., Botella and Peyret.
@@ -63,7 +63,7 @@ def _cavity(cells: int) -> Profiles:
     inner = 0.5 * np.tanh(1.5 * np.linspace(-1.0, 1.0, cells + 1)) / np.tanh(1.5)
     h = inner[-1] - inner[-2]
     yf = np.concatenate([[-0.5 - 2 * h, -0.5 - h], inner, [0.5 + h, 0.5 + 2 * h]])
-    grid = from_faces(np.concatenate([inner + 0.5, [1.0 + h, 1.0 + 2 * h]]), yf)
+    grid = Grid(xf=np.concatenate([inner + 0.5, [1.0 + h, 1.0 + 2 * h]]), yf=yf)
     lid = np.where(np.abs(grid.yf) < 0.5 - 1e-9, -1.0, 0.0)
     solver = FlowSolver(
         grid, boundary.build(grid, _distance_into_cavity), 1e-3, inflow_u=np.zeros(grid.shape[1]), inflow_v=lid

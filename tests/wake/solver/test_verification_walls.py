@@ -14,7 +14,7 @@ from scipy.special import jn_zeros, jv
 
 from contract.arrays import Array
 from wake.solver import boundary
-from wake.solver.grid import Flow, Grid, from_faces
+from wake.solver.grid import Flow, Grid
 from wake.solver.navier_stokes import FlowSolver
 
 ROOT = float(jn_zeros(1, 1)[0])
@@ -46,7 +46,7 @@ def _spin(cells: int, shift: float) -> Spun:
     """rms error in r < 0.8, rms and largest error in the whole disc after one unit of time; energy left."""
     faces = np.linspace(-1.15, 1.15, cells + 1)
     h = faces[1] - faces[0]
-    grid = from_faces(faces + shift * h, faces)
+    grid = Grid(xf=faces + shift * h, yf=faces)
     walls = boundary.build(grid, lambda x, y: 1.0 - np.hypot(x, y))
     solver = FlowSolver(grid, walls, VISCOSITY, inflow_u=np.zeros(cells))
 
@@ -105,7 +105,7 @@ def _energy_lost(dt: float) -> float:
     inner = 0.5 * np.tanh(0.8 * np.linspace(-1.0, 1.0, 41)) / np.tanh(0.8)
     h = inner[-1] - inner[-2]
     yf = np.concatenate([[-0.5 - 2 * h, -0.5 - h], inner, [0.5 + h, 0.5 + 2 * h]])
-    grid = from_faces(np.concatenate([inner + 0.5, [1.0 + h, 1.0 + 2 * h]]), yf)
+    grid = Grid(xf=np.concatenate([inner + 0.5, [1.0 + h, 1.0 + 2 * h]]), yf=yf)
 
     def into_box(x: npt.ArrayLike, y: npt.ArrayLike) -> Array:
         over = np.maximum(np.asarray(x, dtype=float) - 1.0, np.abs(np.asarray(y, dtype=float)) - 0.5)
