@@ -8,7 +8,7 @@ that shedding does not cause.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import ceil
 from typing import Final, get_args
 
@@ -117,43 +117,21 @@ _RATE: Final = 1e-2
 slowly; the developed wake changes at a rate of about 1."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SteadyWake:
-    """A wake that has settled.
-
-    Attributes:
-        state: the flow, with its clock set to zero; the plant is also in this state.
-        base_Cp: mean Cp over the sensors on the base.
-        recirculation_length: see `recirculation_length`.
-        velocity_rate: largest |du/dt| or |dv/dt| over the last control period, in U_inf / t_c.
-        drag_rate: |dCd/dt| of wall and slots over the last control period, in 1 / t_c.
-        time: duration of the settling from rest, in t_c.
-    """
-
-    state: State
-    sample: Sample
-    base_Cp: float
-    recirculation_length: float
-    velocity_rate: float
-    drag_rate: float
-    time: float
-
-    def figures(self) -> dict[str, float]:
-        """Return the numbers for a results file."""
-        own = ("base_Cp", "recirculation_length", "velocity_rate", "drag_rate", "time")
-        forces = {"Cd": self.sample.Cd, "Cd_slot": self.sample.Cd_slot}
-        return forces | {name: getattr(self, name) for name in own}
-
-
 def settle(
     wake: TruckWake,
     tolerance: float = TOLERANCE,
     longest: float = 600.0,
     progress: Callable[[float, float], None] = lambda t, rate: None,
-) -> SteadyWake:
+) -> tuple[State, dict[str, float]]:
     """Run the symmetric flow from rest, with shut jets, until two rates of change are below `tolerance`: the velocity's
-    rate in U_inf / t_c, and the drag's rate in 1 / t_c. Raises PlantError if the flow is not steady after `longest`
-    t_c. `progress` is called with the time and the larger rate after every control period."""
+    rate max |du/dt| or |dv/dt| in U_inf / t_c, and the rate of the drag of wall and slots in 1 / t_c. Raises PlantError
+    if the flow is not steady after `longest` t_c. `progress` is called with the time and the larger rate after every
+    control period.
+
+    Returns the state with its clock set to zero, in which the plant is, too, and the numbers for a results file: drag,
+    mean Cp over the sensors on the base, `recirculation_length`, both rates over the last control period, and the
+    duration of the settling from rest.
+    """
     start_from_rest(wake)
     period = wake.config.control_period
     before, drag = wake.flow.velocities.copy(), _drag(wake.sample())
@@ -175,15 +153,15 @@ def settle(
     time = wake.t
     state = replace(wake.state(), substep=0, action=0.0)
     sample = wake.reset(state)
-    return SteadyWake(
-        state=state,
-        sample=sample,
-        base_Cp=float(sample.Cp[wake.layout.base].mean()),
-        recirculation_length=recirculation_length(wake.grid, wake.flow),
-        velocity_rate=velocity_rate,
-        drag_rate=drag_rate,
-        time=time,
-    )
+    return state, {
+        "Cd": sample.Cd,
+        "Cd_slot": sample.Cd_slot,
+        "base_Cp": float(sample.Cp[wake.layout.base].mean()),
+        "recirculation_length": recirculation_length(wake.grid, wake.flow),
+        "velocity_rate": velocity_rate,
+        "drag_rate": drag_rate,
+        "time": time,
+    }
 
 
 def check_steady(wake: TruckWake, state: State) -> None:
