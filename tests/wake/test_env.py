@@ -1,10 +1,7 @@
-import copy
 import dataclasses
 import warnings
-from collections.abc import Callable
 from typing import Any
 
-import cloudpickle
 import gymnasium
 import numpy as np
 import pytest
@@ -136,37 +133,3 @@ def test_what_does_not_fit_is_refused_by_its_value(env, coarse):
     for use in (lambda: fresh.step(action(0.0)), fresh.render):
         with pytest.raises(gymnasium.error.ResetNeeded):
             use()
-
-
-def gone_on_with(env: Any) -> list[Any]:
-    """All that it shows over the rest of an episode, a picture, and the beginning of the next one."""
-    seen: list[Any] = []
-    for _ in range(2):
-        drawn = env.action_space.sample()
-        observation, reward, _, truncated, info = env.step(drawn)
-        seen += [drawn, observation, reward, truncated, list(info.values()), env.plant.flow.u.copy()]
-    seen.append(env.render())
-    observation, info = env.reset()
-    return [*seen, observation, list(info.values()), env.step(env.action_space.sample())[0]]
-
-
-WAYS: list[Callable[[Any], list[Any]]] = [
-    lambda one: gone_on_with(copy.deepcopy(gymnasium.wrappers.TimeLimit(one, 9)).unwrapped),
-    lambda one: gone_on_with(cloudpickle.loads(cloudpickle.dumps(one))),
-]
-
-
-def test_a_copy_goes_on_as_the_environment_does_and_leaves_it_alone(settings):
-    """Taken within an episode, after a picture; whatever copies it."""
-    env = TruckWakeEnv(render_mode="rgb_array", **settings)
-    env.reset(seed=5)
-    env.action_space.seed(6)
-    env.step(env.action_space.sample())
-    env.render()
-    stood = env.plant.flow.flat.copy()
-    found = [way(env) for way in WAYS]
-    np.testing.assert_array_equal(env.plant.flow.flat, stood)
-    expected = gone_on_with(env)
-    for seen in found:
-        for here, there in zip(expected, seen, strict=True):
-            np.testing.assert_array_equal(here, there)
