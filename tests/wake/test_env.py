@@ -90,7 +90,7 @@ def test_seeds_choose_the_phase_and_phases_are_the_uncontrolled_wake(env, coarse
     assert (info["Cd"], info["action"]) == (sample.Cd, 0.06)
 
 
-def test_another_body_shows_its_own_sensors_and_needs_its_own_start():
+def test_another_body_shows_its_own_sensors():
     body = BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=3, sensors_on_base=2)
     config = FlowConfig(reynolds=150.0)
     wake = TruckWake(config, body=body)
@@ -98,10 +98,6 @@ def test_another_body_shows_its_own_sensors_and_needs_its_own_start():
     start = dataclasses.replace(wake.state(), flat=wake.solver.start().flat)
     env = TruckWakeEnv(config=config, body=body, start=start, max_phase_steps=0)
     assert env.reset(seed=1)[0].shape == env.observation_space.shape == (8,)
-    with pytest.raises(ConfigError, match="unknown sensor 'upper_39'"):
-        TruckWakeEnv(("upper_39",), config=config, body=body, start=start)
-    with pytest.raises(PlantError, match=r"flow state is for a body of length 7\.647"):
-        TruckWakeEnv(config=config, body=body).reset()
 
 
 def test_what_does_not_fit_is_refused_by_its_value(env, coarse):

@@ -3,9 +3,7 @@
 A recording is never replaced by chance; and it may begin in any flow state.
 """
 
-import errno
 import hashlib
-import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
@@ -62,25 +60,6 @@ def test_samples_follow_the_timing_convention(tmp_path, monkeypatch, coarse):
     # Sample k is taken before a_k acts: the reaction to the jets' momentum still shows a_{k-1}.
     assert series["Cd_momentum"][1:] == pytest.approx(-4 * 1.2 / 0.05 * series["action"][:-1] ** 2, abs=2**-15)
     assert episode.initial_action == 0.0
-
-
-def test_a_full_disk_is_named_and_costs_nothing(tmp_path, monkeypatch):
-    output, written = tmp_path / "a.h5", 0
-
-    def fsync(descriptor: int) -> None:
-        nonlocal written
-        written += 1
-        if written > 3:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "fsync", fsync)
-        with pytest.raises(StillwakeError, match=r"cannot write .*training_5/000003\.npz: No space left on device"):
-            recorded(output)
-    progress: list[tuple[str, int]] = []
-    resumed = recorded(output, progress=lambda name, done, total: progress.append((name, done)))
-    assert progress[0] == ("training_5", 3)
-    assert equal(resumed, recorded(tmp_path / "whole.h5"))
 
 
 def test_a_second_call_takes_over_and_the_first_stops(tmp_path):

@@ -46,25 +46,18 @@ def _inflow_of_momentum(wake: TruckWake, box: Box) -> Array:
     j1 = int(np.searchsorted(grid.yf, box[2]))
     j0 = len(grid.yf) - 1 - j1
 
-    def through_x(i: int) -> Array:
-        a = (grid.xf[i] - grid.xc[i - 1]) / (grid.xc[i] - grid.xc[i - 1])
+    def through(i: int, u: Array, v: Array, p: Array, faces: Array, centres: Array, sizes: Array) -> Array:
+        """Momentum along and across the axis of u that passes each face of row i."""
+        a = (faces[i] - centres[i - 1]) / (centres[i] - centres[i - 1])
         along, pressure = u[i], (1 - a) * p[i - 1] + a * p[i]
-        corner, slope = (1 - a) * v[i - 1] + a * v[i], (v[i] - v[i - 1]) / grid.dxc[i]
+        corner, slope = (1 - a) * v[i - 1] + a * v[i], (v[i] - v[i - 1]) / (centres[i] - centres[i - 1])
         across, dv_dx = 0.5 * (corner[1:] + corner[:-1]), 0.5 * (slope[1:] + slope[:-1])
-        du_dx = (u[i + 1] - u[i - 1]) / (grid.xf[i + 1] - grid.xf[i - 1])
-        rates = np.array([along**2 + pressure - nu * du_dx, along * across - nu * dv_dx])
-        return np.asarray((rates * grid.dy)[:, j0:j1].sum(axis=1))
+        du_dx = (u[i + 1] - u[i - 1]) / (faces[i + 1] - faces[i - 1])
+        return np.array([along**2 + pressure - nu * du_dx, along * across - nu * dv_dx]) * sizes
 
-    def through_y(j: int) -> Array:
-        b = (grid.yf[j] - grid.yc[j - 1]) / (grid.yc[j] - grid.yc[j - 1])
-        along, pressure = v[:, j], (1 - b) * p[:, j - 1] + b * p[:, j]
-        corner, slope = (1 - b) * u[:, j - 1] + b * u[:, j], (u[:, j] - u[:, j - 1]) / grid.dyc[j]
-        across, du_dy = 0.5 * (corner[1:] + corner[:-1]), 0.5 * (slope[1:] + slope[:-1])
-        dv_dy = (v[:, j + 1] - v[:, j - 1]) / (grid.yf[j + 1] - grid.yf[j - 1])
-        rates = np.array([along * across - nu * du_dy, along**2 + pressure - nu * dv_dy])
-        return np.asarray((rates * grid.dx)[:, i0:i1].sum(axis=1))
-
-    return 2.0 * (through_x(int(i0)) - through_x(int(i1)) + through_y(j0) - through_y(j1))
+    west, east = (through(int(i), u, v, p, grid.xf, grid.xc, grid.dy)[:, j0:j1].sum(axis=1) for i in (i0, i1))
+    south, north = (through(j, v.T, u.T, p.T, grid.yf, grid.yc, grid.dx)[::-1, i0:i1].sum(axis=1) for j in (j0, j1))
+    return np.asarray(2.0 * (west - east + south - north))
 
 
 def _momentum(wake: TruckWake, box: Box) -> Array:
