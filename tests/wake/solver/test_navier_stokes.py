@@ -49,8 +49,7 @@ def _after_two_ramps(wake: TruckWake, steps: int) -> tuple[np.ndarray, np.ndarra
     """Velocities and pressure after the jets went to 0.06 and on to -0.03, a period each."""
     for start, end in ((0.0, 0.06), (0.06, -0.03)):
         wake.solver.run(wake.flow, dt=0.2 / steps, steps=steps, action_from=start, action_to=end)
-    velocities = np.concatenate([wake.flow.u.reshape(-1), wake.flow.v.reshape(-1)])
-    return velocities, wake.flow.p.copy()
+    return wake.flow.velocities.copy(), wake.flow.p.copy()
 
 
 def test_velocity_is_of_second_order_in_time_and_pressure_of_first(coarse):
