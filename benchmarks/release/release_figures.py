@@ -85,14 +85,13 @@ def main(
             step = listening.taken()
             forecasts.append(np.full((horizon, 2), np.nan) if step is None else step.forces)
             if done <= first or done > settled:
-                flows[done > first].flat[:] += wake.flow.flat
-                counts[done > first] += 1
+                case = done > first
+                counts[case] += 1
+                flows[case].flat[:] += (wake.flow.flat - flows[case].flat) / counts[case]
             shown("closed loop", done, total, f"Cd {row.sample.Cd:.3f}")
 
         given: dict[str, Any] = {"controller": listening, "plant": nullcontext(wake), "progress": show}
         log = run_closed_loop(run, release, config, **spans, **given)
-    for flow, count in zip(flows, counts, strict=True):
-        flow.flat[:] /= count
     figures = measured(log, np.array(forecasts), settled) | {"mean": [_mean(wake, flow) for flow in flows]}
     facts = {
         "bundle": {"name": release.manifest.name, "digest": release.digest},
