@@ -148,13 +148,8 @@ def test_a_state_survives_its_file_and_others_are_refused(tmp_path, monkeypatch)
         state.load(path)
 
 
-@pytest.fixture(scope="module")
-def probes(coarse_mesh):
-    return pressure_points(coarse_mesh), sensor_weights(coarse_mesh)
-
-
-def test_a_linear_pressure_is_read_exactly_on_its_side(probes):
-    at, weights = probes
+def test_a_linear_pressure_is_read_exactly_on_its_side(coarse_mesh):
+    at, weights = pressure_points(coarse_mesh), sensor_weights(coarse_mesh)
     # Along a wall only the coordinate on it may vary: a wall face has its cell's pressure.
     side, base = slice(0, 80), slice(80, 90)
     x, y = sensors.TRUCK.positions.T
