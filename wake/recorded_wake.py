@@ -10,13 +10,14 @@ from contract.errors import PlantError
 from contract.ledger import LEDGER_FIELDS
 from contract.recording.episode import Episode
 from contract.sensor_layout import SensorLayout
+from wake.plant.protocol import SteppedPlant
 from wake.plant.sample import Sample
 
 _SAME_PERIOD: Final = 1e-6
 """Largest difference in t_c at which two control periods are treated as equal, because recorded times are rounded."""
 
 
-class RecordedWake:
+class RecordedWake(SteppedPlant):
     """A `wake.plant.protocol.LoopPlant` that does not respond to the jets. After the episode's last row, the episode is
     repeated from its first row while the time goes on; `rounds` is the number of completed passes. A force that was not
     recorded is NaN. A sample has the action of the present run, not the recorded action. Raises PlantError if the
@@ -33,9 +34,12 @@ class RecordedWake:
             )
         self.layout = layout
         self.description = f"recorded episode {episode.name}, {len(episode)} periods: it does not respond to the jets"
-        self._series, self._length, self._flow = episode.series, len(episode), flow
-        self._period = self._substep = 0
-        self._action = 0.0
+        self._series, self._length, self.config = episode.series, len(episode), flow
+        self._substep, self._action = 0, 0.0
+
+    @property
+    def _period(self) -> int:
+        return self._substep // self.config.substeps
 
     @property
     def rounds(self) -> int:
@@ -45,7 +49,7 @@ class RecordedWake:
         """Return the recorded row of the present period, with the time and the action of this run."""
         row = self._period % self._length
         return Sample(
-            t=(self._period + self._substep / self._flow.substeps) * self._flow.control_period,
+            t=self.t,
             Cp=np.asarray(self._series["Cp"][row], dtype=np.float64),
             Uy_probe=self._value("Uy_probe", row),
             action=self._action,
@@ -55,14 +59,12 @@ class RecordedWake:
     def advance_to(self, substep: int, action: float | None = None) -> None:
         """Advance as `wake.plant.protocol.Plant.advance_to` does. Raises PlantError for a substep that has already
         passed or belongs to another period."""
-        last = self._flow.substeps
-        if not self._substep < substep <= last:
-            raise PlantError(f"cannot advance to substep {substep} of {last} from substep {self._substep}")
-        target = self._action if action is None else action
-        self._action += (target - self._action) * (substep - self._substep) / (last - self._substep)
-        self._substep = substep
-        if substep == last:
-            self._period, self._substep, self._action = self._period + 1, 0, target
+        steps, _, self._action = self._ramp(substep, action)
+        self._substep += steps
+
+    def _checked(self, action: float) -> float:
+        """Return any action: the recording does not respond to it."""
+        return action
 
     def _value(self, name: str, row: int) -> float:
         series: Array | None = self._series.get(name)

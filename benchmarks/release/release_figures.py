@@ -29,7 +29,6 @@ from firmware_sim.runs.run_log import Row, RunFolder, RunLog
 from stillwake.console.options import Trust
 from stillwake.console.progress import progress
 from stillwake.parts.releases import open_release
-from wake.pictures.fields import TimeMean
 from wake.plants import open_plant
 from wake.solver.grid import Flow
 from wake.truck.develop import recirculation_length
@@ -80,18 +79,19 @@ def main(
     first, settled = round(lead_in / period), round((lead_in + settle) / period)
     with open_plant("wake", run, config) as wake, progress("periods", console=bars) as shown:
         assert isinstance(wake, TruckWake)
-        means = [TimeMean(wake.grid.shape) for _ in range(2)]
+        flows, counts = [Flow.zeros(wake.grid.shape) for _ in range(2)], [0, 0]
 
         def show(row: Row, done: int, total: int) -> None:
             step = listening.taken()
             forecasts.append(np.full((horizon, 2), np.nan) if step is None else step.forces)
             if done <= first or done > settled:
-                means[done > first].add(wake.flow)
+                case = done > first
+                counts[case] += 1
+                flows[case].flat[:] += (wake.flow.flat - flows[case].flat) / counts[case]
             shown("closed loop", done, total, f"Cd {row.sample.Cd:.3f}")
 
         given: dict[str, Any] = {"controller": listening, "plant": nullcontext(wake), "progress": show}
         log = run_closed_loop(run, release, config, **spans, **given)
-    flows = [mean.flow() for mean in means]
     figures = measured(log, np.array(forecasts), settled) | {"mean": [_mean(wake, flow) for flow in flows]}
     facts = {
         "bundle": {"name": release.manifest.name, "digest": release.digest},

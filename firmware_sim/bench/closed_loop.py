@@ -18,7 +18,7 @@ from firmware_sim.runs.metadata import RunOrigin
 from firmware_sim.runs.run_log import Row, RunFolder, RunLog
 from firmware_sim.runs.summary import whole_summary
 from firmware_sim.runs.wake_stills import Scene, WakeRecorder
-from wake.pictures.drawing import vorticity_figure
+from wake.pictures.drawing import WakePicture
 from wake.pictures.fields import LevelPicture
 from wake.plant.protocol import LivePlant
 from wake.plants import open_plant
@@ -106,5 +106,5 @@ def run_closed_loop(
 
 
 def _draw(wake: LivePlant, bundle: Bundle, state: str, target: Path) -> None:
-    figure = vorticity_figure(wake, bundle.manifest.sensors, title=f"{state}, t = {wake.t:.1f} $t_c$")
-    figure.savefig(target, format="png")
+    picture = WakePicture(wake, "vorticity", bundle.manifest.sensors)
+    picture.update(f"{state}, t = {wake.t:.1f} $t_c$").savefig(target, format="png")

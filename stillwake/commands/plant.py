@@ -50,9 +50,8 @@ def develop(
     check_output(output, overwrite=overwrite)
     check_json(json_file, output)
     if steady:
-        settled, grid = settle_into(output, config)
+        figures, grid = settle_into(output, config)
         facts = {"config": asdict(config.flow), "body": asdict(config.body), "grid": list(grid)}
-        figures = settled.figures()
         save_json(json_file, figures=figures, facts=facts, packages=("numpy", "numba", "scipy"))
         console.print("  ".join(f"{name} {value:.4g}" for name, value in figures.items()), f"\nwrote {output}")
         return

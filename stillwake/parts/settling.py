@@ -2,17 +2,13 @@
 
 from math import log10
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from contract.config.tree import Config
 from stillwake.console.progress import progress
 
-if TYPE_CHECKING:
-    from wake.truck.develop import SteadyWake
 
-
-def settle_into(output: Path, config: Config) -> "tuple[SteadyWake, tuple[int, int]]":
-    """Compute the steady wake with these settings and write its state. Return the steady wake and its grid's numbers of
+def settle_into(output: Path, config: Config) -> tuple[dict[str, float], tuple[int, int]]:
+    """Compute the steady wake with these settings and write its state. Return its figures and its grid's numbers of
     cells. Raises PlantError if the flow does not settle; StillwakeError if the file cannot be written."""
     from wake.truck import develop, truck_wake
     from wake.truck.state import save_state
@@ -26,6 +22,6 @@ def settle_into(output: Path, config: Config) -> "tuple[SteadyWake, tuple[int, i
             done = min(decades, max(0.0, -log10(rate)))
             report("settling", round(done, 2), decades, f"t {t:.0f}  max |d/dt| {rate:.1e}")
 
-        settled = develop.settle(wake, progress=show)
-    save_state(output, settled.state)
-    return settled, wake.grid.shape
+        state, figures = develop.settle(wake, progress=show)
+    save_state(output, state)
+    return figures, wake.grid.shape

@@ -99,14 +99,18 @@ def test_an_error_of_one_wake_ends_the_step_and_a_reset_mends_it(env):
     np.testing.assert_array_equal(env.step(taken)[0], expected)
 
 
-def test_a_copy_goes_on_as_the_environment_does_and_leaves_it_alone(env):
+def test_a_copy_goes_on_as_the_environment_does_and_leaves_it_alone(settings):
+    """Taken within an episode, after a picture; with the next episodes' random phases and their pictures."""
+    env = TruckWakeVectorEnv(2, render_mode="rgb_array", **settings)
     env.reset(seed=5)
-    env.step(actions(1)[0])
-    stood = [wake.plant.flow.flat.copy() for wake in env.unwrapped.wakes]
+    env.step(actions(1)[0, :2])
+    env.render()
+    stood = [wake.plant.flow.flat.copy() for wake in env.wakes]
     ways = copy.copy, copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))
-    found = [[copied.step(taken) for taken in actions(4, seed=2)] for copied in (way(env.unwrapped) for way in ways)]
-    np.testing.assert_array_equal([wake.plant.flow.flat for wake in env.unwrapped.wakes], stood)
-    expected = [env.step(taken) for taken in actions(4, seed=2)]
+    copies = [way(env) for way in ways]
+    found = [([copied.step(taken[:2]) for taken in actions(4, seed=2)], copied.render()) for copied in copies]
+    np.testing.assert_array_equal([wake.plant.flow.flat for wake in env.wakes], stood)
+    expected = [env.step(taken[:2]) for taken in actions(4, seed=2)], env.render()
     for seen in found:
         assert data_equivalence(seen, expected)
 

@@ -56,7 +56,7 @@ def _value(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return repr(value)
+        return repr(float(value))  # NumPy writes its numbers with their type
     if isinstance(value, tuple | list):
         return f"({' '.join(_value(item) for item in value)})"
     return str(value)

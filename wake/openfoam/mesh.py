@@ -60,22 +60,14 @@ class Mesh:
     @property
     def centres(self) -> Array:
         """Centroids of the cells, (m, 2)."""
-        x, y, cross = self._corners()
+        x, y = np.moveaxis(self.points[self.cells], 2, 0)
+        cross = x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y
         moments = [((v + np.roll(v, -1, axis=1)) * cross).sum(axis=1) for v in (x, y)]
         return np.asarray(np.column_stack(moments) / (3.0 * cross.sum(axis=1))[:, None])
-
-    @property
-    def areas(self) -> Array:
-        """Signed areas of the cells, (m,)."""
-        return 0.5 * np.asarray(self._corners()[2].sum(axis=1))
 
     def patch_centres(self, name: str) -> Array:
         """Midpoints of a patch's edges, (k, 2)."""
         return np.asarray(self.points[self.patches[name]].mean(axis=1))
-
-    def _corners(self) -> tuple[Array, Array, Array]:
-        x, y = np.moveaxis(self.points[self.cells], 2, 0)
-        return x, y, x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y
 
 
 def truck_mesh(refinement: float = 1.0) -> Mesh:

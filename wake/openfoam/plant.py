@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import ClassVar, Self
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.spatial import Delaunay, cKDTree
+from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+from scipy.spatial import Delaunay
 
 from contract import sensors
 from contract.arrays import Array
@@ -23,37 +23,13 @@ from contract.errors import PlantError
 from contract.runtime.copies import NeverCopied
 from wake.openfoam import case, foam_files
 from wake.openfoam.measurements import Follower, Instruments
-from wake.openfoam.mesh import Mesh, truck_mesh
+from wake.openfoam.mesh import truck_mesh
 from wake.openfoam.process import IcoFoam, require_installed
 from wake.openfoam.state import FoamState, put, read_fields, scaled
 from wake.plant.drive import Wind
 from wake.plant.protocol import SteppedPlant
 from wake.plant.sample import Sample
 from wake.solver.grid import Grid, truck_grid
-
-
-class CellInterpolation:
-    """A linear interpolation between the cells' centres, on their Delaunay triangles. Outside the triangles, it gives
-    the value of the nearest cell. `points` are the n target points, (n, 2)."""
-
-    def __init__(self, mesh: Mesh, points: Array) -> None:
-        triangles = Delaunay(mesh.centres)
-        triangle = triangles.find_simplex(points)
-        outside = np.flatnonzero(triangle < 0)
-        inside = np.flatnonzero(triangle >= 0)
-        # For each triangle, scipy stores the affine map to two barycentric coordinates, and the last corner.
-        to_share, corner = triangles.transform[triangle[inside], :2], triangles.transform[triangle[inside], 2]
-        two = np.einsum("nij,nj->ni", to_share, points[inside] - corner)
-        shares = np.column_stack([two, 1.0 - two.sum(axis=1)])
-        nearest = cKDTree(mesh.centres).query(points[outside])[1]
-        rows = np.concatenate([np.repeat(inside, 3), outside])
-        columns = np.concatenate([triangles.simplices[triangle[inside]].ravel(), nearest])
-        weights = np.concatenate([shares.ravel(), np.ones(len(outside))])
-        self._weights = csr_array((weights, (rows, columns)), shape=(len(points), len(mesh.centres)))
-
-    def __call__(self, values: Array) -> Array:
-        """Interpolate values in the m cells, (m, ...), to the n target points. Returns (n, ...)."""
-        return np.asarray(self._weights @ values)
 
 
 class OpenFoamWake(NeverCopied, SteppedPlant):
@@ -111,12 +87,18 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
     def reset(self, state: FoamState) -> Sample:
         """Restart icoFoam from a state. The restart is not exact: one control period later, the forces differ by a
         fraction of a percent from the forces of an uninterrupted run. Raises PlantError if the state has another mesh
-        or is not finite, or icoFoam does not start."""
+        or clock or is not finite, or icoFoam does not start."""
         velocity = state.velocity
         if len(velocity) != len(self.mesh.cells):
             raise PlantError(f"flow state has {len(velocity)} cells, this mesh has {len(self.mesh.cells)}")
         if not (np.isfinite(velocity).all() and np.isfinite(state.pressure).all()):
             raise PlantError("flow state holds values that are not finite")
+        # As in stillwake's solver, a state at t = 0 can continue with any clock.
+        if state.substep and (abs(state.dt - self.dt) > 1e-9 or state.substep % self.config.substeps):
+            raise PlantError(
+                f"flow state is at step {state.substep} of a clock with dt = {state.dt:g}, this plant has "
+                f"{self.config.substeps} substeps of {self.dt:g} in a control period"
+            )
         self.close()
         shutil.rmtree(self._case, ignore_errors=True)
         case.write_mesh(self._case, self.mesh)
@@ -150,20 +132,18 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
     def advance_to(self, substep: int, action: float | None = None) -> None:
         """Advance as `wake.truck.truck_wake.TruckWake.advance_to` does. Raises PlantError as that method does, if
         icoFoam fails, or after `duration`."""
-        self._check_substep(substep)
-        into, last = self.substeps_into_period, self.config.substeps
+        steps, reached, in_force = self._ramp(substep, action)
         if self._child is None:
             raise PlantError("the openfoam plant is closed")
-        if self._substep - self._first + substep - into > self._steps:
+        if self._substep - self._first + steps > self._steps:
             raise PlantError(f"cannot run past {self._steps * self.dt:g} t_c: give a longer duration")
-        start, target = self._action, self._action if action is None else self._checked(action)
-        for step in range(into + 1, substep + 1):
-            reached = start + (target - start) * (step - into) / (last - into)
-            self._child.send(reached, self._stream(self._substep - into + step))
+        for step in range(1, steps + 1):
+            ramped = self._action + (reached - self._action) * step / steps
+            self._child.send(ramped, self._stream(self._substep + step))
         self._child.wait_for_step()
         self._readings = self._follower.read()
-        self._substep += substep - into
-        self._action = target if substep == last else start + (target - start) * (substep - into) / (last - into)
+        self._substep += steps
+        self._action = in_force
         # `sample` checks this too, but a run need not call `sample` after its last step.
         self._readings.require_finite(self.t)
 
@@ -188,7 +168,12 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         """Return dv/dx - du/dy at the corners of `grid`, as `TruckWake.vorticity` does. It is only available at the end
         of a control period."""
         grid = self.grid
-        u, v = np.moveaxis(self._to_grid(self.state().velocity).reshape(*grid.shape, 2), 2, 0)
+        velocity, points = self.state().velocity, np.stack(np.meshgrid(grid.xc, grid.yc, indexing="ij"), axis=-1)
+        at_points = LinearNDInterpolator(self._triangles, velocity)(points)
+        # Outside the triangles between the cells' centres, the value of the nearest cell holds.
+        outside = np.isnan(at_points[..., 0])
+        at_points[outside] = NearestNDInterpolator(self.mesh.centres, velocity)(points[outside])
+        u, v = np.moveaxis(at_points, 2, 0)
         inside = np.zeros(grid.shape, dtype=bool)
         inside[grid.front : grid.rear, grid.lower : grid.upper] = True
         u[inside] = v[inside] = 0.0
@@ -197,10 +182,9 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         return np.asarray(dvdx - dudy)
 
     @cached_property
-    def _to_grid(self) -> CellInterpolation:
-        """The interpolation to the centres of `grid`'s cells. It is cached, because the triangulation takes seconds."""
-        x, y = np.meshgrid(self.grid.xc, self.grid.yc, indexing="ij")
-        return CellInterpolation(self.mesh, np.column_stack([x.ravel(), y.ravel()]))
+    def _triangles(self) -> Delaunay:
+        """The triangles between the cells' centres. They are cached, because the triangulation takes seconds."""
+        return Delaunay(self.mesh.centres)
 
     def pressure(self) -> None:
         """Return None: the pressure is available at the sensors only."""

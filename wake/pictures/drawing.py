@@ -144,13 +144,8 @@ class WakePicture:
         return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
-def vorticity_figure(wake: Drawable, highlight: tuple[str, ...] = (), title: str = "") -> Figure:
-    """Draw the present vorticity. The sensors in `highlight` show Cp; if `highlight` is empty, all sensors show Cp."""
-    return WakePicture(wake, "vorticity", highlight or None).update(title)
-
-
 def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Figure:
-    """Draw a mean flow (`wake.pictures.fields.TimeMean`) downstream of the body: u in colour, streamlines, the edge of
+    """Draw a mean flow (`wake.pictures.fields.mean_flow`) downstream of the body: u in colour, streamlines, the edge of
     the backward flow, and the length of the recirculation bubble. The title states the mean's `duration` in t_c."""
     left, right, low, high = _NEAR_WAKE
     # Rounding makes the limits of the truck's view exactly 6.8 and 12.

@@ -29,38 +29,23 @@ def velocity(flow: Flow) -> tuple[Array, Array]:
     return 0.5 * (u[1:] + u[:-1]), 0.5 * (v[:, 1:] + v[:, :-1])
 
 
-class TimeMean:
-    """The mean of flows on one grid. Wall pressures and forces are linear functions of a flow's buffer, so the mean
-    buffer gives the mean pressures and forces."""
-
-    def __init__(self, shape: tuple[int, int]) -> None:
-        self._sum = Flow.zeros(shape)
-        self._shape = shape
-        self._count = 0
-
-    def add(self, flow: Flow) -> None:
-        self._sum.flat[:] += flow.flat
-        self._count += 1
-
-    def flow(self) -> Flow:
-        """Return the mean of the added flows. Raises PlantError if no flow was added."""
-        if self._count == 0:
-            raise PlantError("mean over 0 instants: at least 1 is needed")
-        return Flow.of(self._sum.flat / self._count, self._shape)
-
-
 def mean_flow(
     wake: TruckWake, actions: Array, skip: int = 0, progress: Callable[[int, int], None] = lambda done, total: None
 ) -> Flow:
     """Run the plant from its present state with the actions, one per control period. Return the mean of the flows at
-    the ends of all control periods except the first `skip` periods. `progress` is called with (periods done, total)."""
-    mean = TimeMean(wake.grid.shape)
+    the ends of all control periods except the first `skip` periods. Wall pressures and forces are linear functions of a
+    flow's buffer, so the mean flow gives their means. `progress` is called with (periods done, total). Raises
+    PlantError if no period remains."""
+    if len(actions) <= skip:
+        raise PlantError("mean over 0 instants: at least 1 is needed")
+    mean = Flow.zeros(wake.grid.shape)
     for k, action in enumerate(actions):
         wake.advance(float(action))
         if k >= skip:
-            mean.add(wake.flow)
+            mean.flat[:] += wake.flow.flat
         progress(k + 1, len(actions))
-    return mean.flow()
+    mean.flat[:] /= len(actions) - skip
+    return mean
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

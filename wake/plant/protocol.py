@@ -103,6 +103,7 @@ class SteppedPlant(Plant):
 
     config: FlowConfig
     _substep: int
+    _action: float
 
     @property
     def dt(self) -> float:
@@ -124,10 +125,15 @@ class SteppedPlant(Plant):
         self.advance_to(self.config.substeps, action)
         return self.sample()
 
-    def _check_substep(self, substep: int) -> None:
+    def _ramp(self, substep: int, action: float | None) -> tuple[int, float, float]:
+        """Check the arguments of `advance_to`. Return the number of time steps, the flow rate that the ramp has reached
+        after these steps, and the flow rate that is then in force: at the period's end, the action itself."""
         into, last = self.substeps_into_period, self.config.substeps
         if not into < substep <= last:
             raise PlantError(f"cannot advance to substep {substep} of {last} from substep {into}")
+        target = self._action if action is None else self._checked(action)
+        reached = self._action + (target - self._action) * (substep - into) / (last - into)
+        return substep - into, reached, target if substep == last else reached
 
     def _checked(self, action: float) -> float:
         limit = self.config.action_limit

@@ -15,9 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import binary_dilation
 
 from contract.arrays import Array, Index, Mask
-from wake.solver.grid import Component, Grid, Layout, bilinear
+from wake.solver.grid import Component, Flow, Grid, bilinear
 
 SignedDistance = Callable[[npt.ArrayLike, npt.ArrayLike], Array]
 
@@ -80,16 +81,7 @@ def build(grid: Grid, distance: SignedDistance) -> Boundary:
 
 def _stencil(open_u: Mask, open_v: Mask) -> tuple[Mask, Mask]:
     """Return the faces in the momentum stencil of any open face."""
-
-    def spread(mask: Mask) -> Mask:
-        out = mask.copy()
-        out[1:] |= mask[:-1]
-        out[:-1] |= mask[1:]
-        out[:, 1:] |= mask[:, :-1]
-        out[:, :-1] |= mask[:, 1:]
-        return out
-
-    touched_u, touched_v = spread(open_u), spread(open_v)
+    touched_u, touched_v = binary_dilation(open_u), binary_dilation(open_v)
     for a, b in ((0, 0), (0, 1), (1, 0), (1, 1)):
         # u-face (i, j) reads the v-faces at its four corners, and a v-face reads u-faces in the same way.
         touched_v[:, a : a + open_v.shape[1] - 1] |= open_u[b : b + open_v.shape[0]]
@@ -106,16 +98,17 @@ def _runs(mask: Mask) -> Index:
 
 
 def _ghosts(grid: Grid, component: Component, open_faces: Mask, touched: Mask, distance: SignedDistance) -> GhostMap:
-    layout, (x, y) = Layout(grid.shape), grid.axes(component)
+    (x, y), numbers = grid.axes(component), Flow.numbered(grid.shape)
+    index = numbers.unpadded(component) - getattr(numbers, component)[0, 0]
     target, start, source, weight = [], [0], [], []
     for i, j in np.argwhere(touched & ~open_faces):
         at_wall = abs(float(distance(x[i], y[j]))) < _ON_WALL
         at_edge = i in (0, open_faces.shape[0] - 1) if component == "u" else j in (0, open_faces.shape[1] - 1)
         if at_wall or at_edge:
             continue  # such faces keep their normal velocity, inflow or outflow
-        target.append(layout.offset(component, i, j))
-        for (si, sj), w in _parabola(x, y, int(i), int(j), open_faces, distance):
-            source.append(layout.offset(component, si, sj))
+        target.append(index[i, j])
+        for face, w in _parabola(x, y, int(i), int(j), open_faces, distance):
+            source.append(index[face])
             weight.append(w)
         start.append(len(source))
     return GhostMap(

@@ -9,8 +9,9 @@ beyond the outlet. p (nx + 1, ny) has one layer beyond the outlet. Unpadded indi
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Final, Literal, NamedTuple
+from dataclasses import dataclass, field
+from math import prod
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -40,7 +41,8 @@ _SPACING_Y: _Spacing = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Grid:
-    """The coordinates of the faces, and the spacings derived from these coordinates, for nx by ny cells.
+    """The coordinates of the faces, and the spacings derived from these coordinates, for nx by ny cells. A grid without
+    a body has only `xf` and `yf`.
 
     Attributes:
         xf, yf: coordinates of the faces, shapes (nx + 1,) and (ny + 1,).
@@ -54,17 +56,24 @@ class Grid:
 
     xf: Array
     yf: Array
-    xc: Array
-    yc: Array
-    dx: Array
-    dy: Array
-    dxc: Array
-    dyc: Array
-    front: int
-    rear: int
-    lower: int
-    upper: int
-    slot_cells: int
+    xc: Array = field(init=False)
+    yc: Array = field(init=False)
+    dx: Array = field(init=False)
+    dy: Array = field(init=False)
+    dxc: Array = field(init=False)
+    dyc: Array = field(init=False)
+    front: int = 0
+    rear: int = 0
+    lower: int = 0
+    upper: int = 0
+    slot_cells: int = 0
+
+    def __post_init__(self) -> None:
+        for axis, faces in (("x", self.xf), ("y", self.yf)):
+            centres = 0.5 * (faces[1:] + faces[:-1])
+            between = np.diff(np.concatenate([faces[:1], centres, faces[-1:]]))
+            for name, values in ((f"{axis}c", centres), (f"d{axis}", np.diff(faces)), (f"d{axis}c", between)):
+                object.__setattr__(self, name, values)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -104,35 +113,15 @@ def box_grid(length: float, refinement: float = 1.0) -> Grid:
     yf = np.concatenate([-half[:0:-1], half])
     centre = len(half) - 1
     wall = len(y_parts[0]) + len(y_parts[1]) - 2
-    grid = from_faces(_join(x_parts), yf)
     nose = len(x_parts[0]) - 1
-    return replace(
-        grid,
+    return Grid(
+        xf=_join(x_parts),
+        yf=yf,
         front=nose,
         rear=nose + len(x_parts[1]) - 1,
         lower=centre - wall,
         upper=centre + wall,
         slot_cells=slot_cells,
-    )
-
-
-def from_faces(xf: Array, yf: Array) -> Grid:
-    """Build a grid without a body from its faces."""
-    xc, yc = 0.5 * (xf[1:] + xf[:-1]), 0.5 * (yf[1:] + yf[:-1])
-    return Grid(
-        xf=xf,
-        yf=yf,
-        xc=xc,
-        yc=yc,
-        dx=np.diff(xf),
-        dy=np.diff(yf),
-        dxc=np.diff(np.concatenate([xf[:1], xc, xf[-1:]])),
-        dyc=np.diff(np.concatenate([yf[:1], yc, yf[-1:]])),
-        front=0,
-        rear=0,
-        lower=0,
-        upper=0,
-        slot_cells=0,
     )
 
 
@@ -169,45 +158,10 @@ def _join(parts: Sequence[Array]) -> Array:
     return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
 
 
-_ORDER: Final[tuple[Component, ...]] = ("u", "v", "p")
-_PADDED: Final[dict[Component, tuple[int, int]]] = {"u": (2, 2), "v": (2, 1), "p": (1, 0)}
-"""Difference between the padded shape and (nx, ny)."""
-_FIRST: Final[dict[Component, tuple[int, int]]] = {"u": (0, 1), "v": (1, 0), "p": (0, 0)}
-"""Position of the unpadded entry (0, 0) in the padded array."""
-
-
-@dataclass(frozen=True)
-class Layout:
-    """The positions of u, v and p for a grid of `shape` = (nx, ny) cells."""
-
-    shape: tuple[int, int]
-
-    def padded(self, component: Component) -> tuple[int, int]:
-        """Return the shape of the component's padded array."""
-        (nx, ny), (more_x, more_y) = self.shape, _PADDED[component]
-        return nx + more_x, ny + more_y
-
-    def entries(self, component: Component) -> slice:
-        """Return the component's part of the buffer."""
-        start = sum(self._size(before) for before in _ORDER[: _ORDER.index(component)])
-        return slice(start, start + self._size(component))
-
-    @property
-    def size(self) -> int:
-        return sum(self._size(component) for component in _ORDER)
-
-    def offset(self, component: Component, i: int, j: int) -> int:
-        """Return the flat index of the unpadded entry (i, j) in the component's padded array."""
-        first_i, first_j = _FIRST[component]
-        return (i + first_i) * self.padded(component)[1] + j + first_j
-
-    def index(self, component: Component, i: int, j: int) -> int:
-        """Return the index of the unpadded entry (i, j) in the buffer."""
-        return int(self.entries(component).start) + self.offset(component, i, j)
-
-    def _size(self, component: Component) -> int:
-        rows, columns = self.padded(component)
-        return rows * columns
+def _padded(shape: tuple[int, int]) -> tuple[tuple[int, int], ...]:
+    """Return the shapes of the padded u, v and p for a grid of `shape` = (nx, ny) cells."""
+    nx, ny = shape
+    return (nx + 2, ny + 2), (nx + 2, ny + 1), (nx + 1, ny)
 
 
 class Flow(NamedTuple):
@@ -221,18 +175,26 @@ class Flow(NamedTuple):
     @classmethod
     def zeros(cls, shape: tuple[int, int], precision: Precision = np.float64) -> "Flow":
         """Return a flow of zeros on a grid of `shape` = (nx, ny) cells."""
-        return cls.of(np.zeros(Layout(shape).size, precision), shape)
+        return cls.of(np.zeros(sum(map(prod, _padded(shape))), precision), shape)
 
     @classmethod
     def of(cls, flat: Array, shape: tuple[int, int]) -> "Flow":
         """Return a flow whose arrays are views of an existing buffer."""
-        layout = Layout(shape)
-        u, v, p = (flat[layout.entries(name)].reshape(layout.padded(name)) for name in _ORDER)
-        return cls(flat=flat, u=u, v=v, p=p)
+        shapes = _padded(shape)
+        parts = np.split(flat, np.cumsum([prod(each) for each in shapes[:-1]]))
+        return cls(flat, *(part.reshape(each) for part, each in zip(parts, shapes, strict=True)))
+
+    @classmethod
+    def numbered(cls, shape: tuple[int, int]) -> "Flow":
+        """Return a flow in which each value is its own index in the buffer."""
+        return cls.of(np.arange(cls.zeros(shape).flat.size, dtype=np.float64), shape)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        more_x, more_y = _PADDED["p"]
-        return Flow.of, (self.flat, (self.p.shape[0] - more_x, self.p.shape[1] - more_y))
+        return Flow.of, (self.flat, self.cells_p.shape)
+
+    def unpadded(self, component: Component) -> Array:
+        """Return the component's values on the grid's faces or in its cells, a view."""
+        return {"u": self.faces_u, "v": self.faces_v, "p": self.cells_p}[component]
 
     @property
     def faces_u(self) -> Array:

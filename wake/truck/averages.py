@@ -21,10 +21,13 @@ from contract.errors import PlantError
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Average:
-    """The weights (n,) of n samples in an average; the sum of the weights is 1."""
+class CycleAverage:
+    """An average over whole cycles. `weights` (n,) are the weights of the n samples; their sum is 1. `frequency` is in
+    cycles per t_c; it is the Strouhal number if nothing forces the wake."""
 
     weights: Array
+    cycles: int
+    frequency: float
 
     def mean(self, values: npt.ArrayLike) -> Array:
         """Return the weighted mean (...) of values (n, ...) over the n samples."""
@@ -34,15 +37,6 @@ class Average:
         """Return the root of the mean squared deviation from the mean, (...)."""
         deviation = np.asarray(values, dtype=np.float64) - self.mean(values)
         return np.sqrt(self.mean(deviation * deviation))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CycleAverage(Average):
-    """An average over whole cycles. `frequency` is in cycles per t_c; it is the Strouhal number if nothing forces the
-    wake."""
-
-    cycles: int
-    frequency: float
 
 
 def over_cycles(t: Array, lift: Array) -> CycleAverage:

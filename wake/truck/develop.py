@@ -8,11 +8,12 @@ that shedding does not cause.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import replace
+from math import ceil
+from typing import Final, get_args
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
+from scipy.interpolate import interpn
 
 from contract.arrays import Array
 from contract.errors import PlantError
@@ -22,7 +23,7 @@ from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 # After an impulsive start, the time step must be small until the first transients have left the leading edge. Each pair
-# is (dt, number of steps).
+# is (dt, number of steps); a plant with a shorter time step takes more steps in the same time.
 _RAMP: Final = ((1e-4, 200), (1e-3, 200), (2e-3, 1000), (4e-3, 500))
 _KICK_STEPS: Final = 50
 _KICK_AMPLITUDE: Final = 2.0 / 3.0
@@ -31,8 +32,9 @@ _KICK_AMPLITUDE: Final = 2.0 / 3.0
 def start_from_rest(wake: TruckWake) -> None:
     """Set the plant to uniform flow, run it until the first transients leave the leading edge, and zero its clock."""
     wake.reset(State(flat=wake.solver.start().flat, substep=0, action=0.0))
-    for dt, steps in _RAMP:
-        wake.solver.run(wake.flow, dt=dt, steps=steps, action_from=0.0, action_to=0.0)
+    for longest, steps in _RAMP:
+        dt = min(longest, wake.dt)
+        wake.solver.run(wake.flow, dt=dt, steps=ceil(steps * (longest / dt)), action_from=0.0, action_to=0.0)
 
 
 def develop(
@@ -61,25 +63,21 @@ SETTLE_TIME: Final = 60.0
 grid (refinement 0.4 and 0.5). Mean drag and lift amplitude then agree within 0.3 %. The difference of the mean lift,
 which decays last, is then below 0.01."""
 
-_COMPONENTS: Final[tuple[Component, ...]] = ("u", "v", "p")
-
 
 def interpolated(state: State, source: Grid, target: Grid) -> Flow:
     """Interpolate the flow of a state on `source` bilinearly to `target`; extrapolate it beyond the outermost points.
     The padding is zero. The next time step removes the divergence of the velocities."""
     found, result = Flow.of(state.flat, source.shape), Flow.zeros(target.shape)
-    for name in _COMPONENTS:
+    for name in get_args(Component):
         points = np.stack(np.meshgrid(*target.axes(name), indexing="ij"), axis=-1)
-        _values(result, name)[:] = at_points(found, source, name, points)
+        result.unpadded(name)[:] = at_points(found, source, name, points)
     return result
 
 
 def at_points(flow: Flow, grid: Grid, component: Component, points: Array) -> Array:
     """Interpolate a component of a flow bilinearly to points (..., 2); extrapolate it beyond the outermost values."""
-    look_up = RegularGridInterpolator(
-        grid.axes(component), _values(flow, component), bounds_error=False, fill_value=None
-    )
-    return np.asarray(look_up(points))
+    values = flow.unpadded(component)
+    return np.asarray(interpn(grid.axes(component), values, points, bounds_error=False, fill_value=None))
 
 
 def moved(
@@ -107,11 +105,6 @@ def moved(
     return settled
 
 
-def _values(flow: Flow, name: Component) -> Array:
-    """Return the component's unpadded values, a view."""
-    return {"u": flow.faces_u, "v": flow.faces_v, "p": flow.cells_p}[name]
-
-
 TOLERANCE: Final = 1e-6
 """Rate of change below which a wake counts as steady, in U_inf / t_c for velocity and in 1 / t_c for drag. These rates
 fall by a factor e in 23 t_c, so the forces are then accurate to 1e-5."""
@@ -124,43 +117,21 @@ _RATE: Final = 1e-2
 slowly; the developed wake changes at a rate of about 1."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SteadyWake:
-    """A wake that has settled.
-
-    Attributes:
-        state: the flow, with its clock set to zero; the plant is also in this state.
-        base_Cp: mean Cp over the sensors on the base.
-        recirculation_length: see `recirculation_length`.
-        velocity_rate: largest |du/dt| or |dv/dt| over the last control period, in U_inf / t_c.
-        drag_rate: |dCd/dt| of wall and slots over the last control period, in 1 / t_c.
-        time: duration of the settling from rest, in t_c.
-    """
-
-    state: State
-    sample: Sample
-    base_Cp: float
-    recirculation_length: float
-    velocity_rate: float
-    drag_rate: float
-    time: float
-
-    def figures(self) -> dict[str, float]:
-        """Return the numbers for a results file."""
-        own = ("base_Cp", "recirculation_length", "velocity_rate", "drag_rate", "time")
-        forces = {"Cd": self.sample.Cd, "Cd_slot": self.sample.Cd_slot}
-        return forces | {name: getattr(self, name) for name in own}
-
-
 def settle(
     wake: TruckWake,
     tolerance: float = TOLERANCE,
     longest: float = 600.0,
     progress: Callable[[float, float], None] = lambda t, rate: None,
-) -> SteadyWake:
+) -> tuple[State, dict[str, float]]:
     """Run the symmetric flow from rest, with shut jets, until two rates of change are below `tolerance`: the velocity's
-    rate in U_inf / t_c, and the drag's rate in 1 / t_c. Raises PlantError if the flow is not steady after `longest`
-    t_c. `progress` is called with the time and the larger rate after every control period."""
+    rate max |du/dt| or |dv/dt| in U_inf / t_c, and the rate of the drag of wall and slots in 1 / t_c. Raises PlantError
+    if the flow is not steady after `longest` t_c. `progress` is called with the time and the larger rate after every
+    control period.
+
+    Returns the state with its clock set to zero, in which the plant is, too, and the numbers for a results file: drag,
+    mean Cp over the sensors on the base, `recirculation_length`, both rates over the last control period, and the
+    duration of the settling from rest.
+    """
     start_from_rest(wake)
     period = wake.config.control_period
     before, drag = wake.flow.velocities.copy(), _drag(wake.sample())
@@ -182,15 +153,15 @@ def settle(
     time = wake.t
     state = replace(wake.state(), substep=0, action=0.0)
     sample = wake.reset(state)
-    return SteadyWake(
-        state=state,
-        sample=sample,
-        base_Cp=float(sample.Cp[wake.layout.base].mean()),
-        recirculation_length=recirculation_length(wake.grid, wake.flow),
-        velocity_rate=velocity_rate,
-        drag_rate=drag_rate,
-        time=time,
-    )
+    return state, {
+        "Cd": sample.Cd,
+        "Cd_slot": sample.Cd_slot,
+        "base_Cp": float(sample.Cp[wake.layout.base].mean()),
+        "recirculation_length": recirculation_length(wake.grid, wake.flow),
+        "velocity_rate": velocity_rate,
+        "drag_rate": drag_rate,
+        "time": time,
+    }
 
 
 def check_steady(wake: TruckWake, state: State) -> None:

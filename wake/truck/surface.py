@@ -28,7 +28,7 @@ from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.geometry import HALF_WIDTH, JET_WIDTH
 from contract.sensor_layout import SensorLayout
 from wake.solver.boundary import Boundary
-from wake.solver.grid import Component, Flow, Grid, Layout, bilinear
+from wake.solver.grid import Component, Flow, Grid, bilinear
 
 
 def signed_distance(x: npt.ArrayLike, y: npt.ArrayLike, body: BodyConfig = TRUCK_BODY) -> Array:
@@ -70,53 +70,6 @@ def slot_profile(grid: Grid) -> Array:
     return profile
 
 
-class SlotFaces:
-    """The faces of the jets' slots on one grid. `viscosity` is 1 / Re; `profile` (ny,) is the velocity on the faces at
-    `grid.rear` per unit action."""
-
-    def __init__(self, grid: Grid, viscosity: float, profile: Array) -> None:
-        self._rear = grid.rear
-        self._upper = slice(grid.upper - grid.slot_cells, grid.upper)
-        self._lower = slice(grid.lower, grid.lower + grid.slot_cells)
-        self._dy = grid.dy
-        self._stress = 4.0 * viscosity / float(grid.dx[grid.rear])
-        # Each slot's profile has flow rate 1, so these weights sum to one over each slot.
-        self._weight = np.abs(profile) * grid.dy
-
-    def measure(self, flow: Flow) -> dict[str, float]:
-        """Return the entries of `Measured` for the slots."""
-        face, ahead, between = self._faces(flow)
-        Cp = 2.0 * (flow.cells_p[self._rear] + between * between - face * face)
-        slots = (self._upper, self._lower)
-        return {
-            "Cd_slot_pressure": -sum(float(Cp[rows] @ self._dy[rows]) for rows in slots),
-            "Cd_slot_viscous": self._stress * sum(float((ahead - face)[rows] @ self._dy[rows]) for rows in slots),
-            "Cp_upper": float(Cp[self._upper] @ self._weight[self._upper]),
-            "Cp_lower": float(Cp[self._lower] @ self._weight[self._lower]),
-        }
-
-    def weigh(self, bar: Flow, flow: Flow, weights: "Measured") -> None:
-        """Differentiate the sum of the slots' values, weighted by `weights`, with respect to the flow; add the result
-        to `bar`."""
-        face, _, between = self._faces(flow)
-        Cp = np.zeros_like(face)
-        for rows in (self._upper, self._lower):
-            Cp[rows] -= weights.Cd_slot_pressure * self._dy[rows]
-        Cp[self._upper] += weights.Cp_upper * self._weight[self._upper]
-        Cp[self._lower] += weights.Cp_lower * self._weight[self._lower]
-        shear = np.zeros_like(face)
-        for rows in (self._upper, self._lower):
-            shear[rows] = weights.Cd_slot_viscous * self._stress * self._dy[rows]
-        bar.cells_p[self._rear] += 2.0 * Cp
-        bar.faces_u[self._rear] += 2.0 * Cp * (between - 2.0 * face) - shear
-        bar.faces_u[self._rear + 1] += 2.0 * Cp * between + shear
-
-    def _faces(self, flow: Flow) -> tuple[Array, Array, Array]:
-        """Return u on the base's faces, u on the next faces downstream, and the mean of these values."""
-        face, ahead = flow.faces_u[self._rear], flow.faces_u[self._rear + 1]
-        return face, ahead, 0.5 * (face + ahead)
-
-
 Terms = defaultdict[int, float]
 
 _ARC_POINTS: Final = 64
@@ -141,8 +94,8 @@ class Measured:
 
 
 class Surface:
-    """The functionals of the flow on one grid, with the arguments of `SlotFaces`. The sensors of `layout` are on the
-    sides and the base; no sensor is on the front."""
+    """The functionals of the flow on one grid. `viscosity` is 1 / Re; `slot_profile` (ny,) is the velocity on the faces
+    at `grid.rear` per unit action. The sensors of `layout` are on the sides and the base; no sensor is on the front."""
 
     def __init__(
         self,
@@ -157,23 +110,36 @@ class Surface:
         self._body = body
         self._boundary = boundary
         self._viscosity = viscosity
-        self._slots = SlotFaces(grid, viscosity, slot_profile)
-        self._layout = Layout(grid.shape)
+        self._numbers = Flow.numbered(grid.shape)
+        # Each slot's profile has flow rate 1 or -1, so the weights of each slot sum to one.
+        flow_rate = slot_profile * grid.dy
+        self._upper, self._lower = np.maximum(flow_rate, 0.0), np.maximum(-flow_rate, 0.0)
+        self._slots = np.where(flow_rate != 0.0, grid.dy, 0.0)
+        self._slot_stress = 4.0 * viscosity / float(grid.dx[grid.rear])
         rows = [
             self._wall_pressure(x, y, *normal)
             for (x, y), normal in zip(layout.positions, _normals(layout), strict=True)
         ]
-        rows += self._wall_force(viscosity)
-        rows.append(self._sample(*body.wake_probe, "v"))
+        rows += self._wall_force()
+        rows.append(self._terms("v", bilinear(*grid.axes("v"), *body.wake_probe)))
         self._sensors = len(layout)
-        self._matrix = _sparse(rows, self._layout.size)
+        self._matrix = _sparse(rows, self._numbers.flat.size)
 
     def measure(self, flow: Flow) -> Measured:
         """Evaluate the functionals on a flow."""
         values = self._matrix @ flow.flat
         cp, rest = values[: self._sensors], values[self._sensors :]
+        face, ahead, between = self._at_slots(flow)
+        on_slots = 2.0 * (flow.cells_p[self._grid.rear] + between * between - face * face)
         return Measured(
-            Cp=cp, Cd=float(rest[0]), Cl=float(rest[1]), Uy_probe=float(rest[2]), **self._slots.measure(flow)
+            Cp=cp,
+            Cd=float(rest[0]),
+            Cl=float(rest[1]),
+            Cd_slot_pressure=-float(on_slots @ self._slots),
+            Cd_slot_viscous=self._slot_stress * float((ahead - face) @ self._slots),
+            Cp_upper=float(on_slots @ self._upper),
+            Cp_lower=float(on_slots @ self._lower),
+            Uy_probe=float(rest[2]),
         )
 
     def weigh(self, bar: Flow, flow: Flow, weights: Measured) -> None:
@@ -181,17 +147,23 @@ class Surface:
         `bar`."""
         values = np.concatenate([weights.Cp, [weights.Cd, weights.Cl, weights.Uy_probe]])
         bar.flat[:] += values @ self._matrix
-        self._slots.weigh(bar, flow, weights)
+        face, _, between = self._at_slots(flow)
+        on_slots = weights.Cp_upper * self._upper + weights.Cp_lower * self._lower
+        on_slots -= weights.Cd_slot_pressure * self._slots
+        shear = weights.Cd_slot_viscous * self._slot_stress * self._slots
+        rear = self._grid.rear
+        bar.cells_p[rear] += 2.0 * on_slots
+        bar.faces_u[rear] += 2.0 * on_slots * (between - 2.0 * face) - shear
+        bar.faces_u[rear + 1] += 2.0 * on_slots * between + shear
 
-    def _sample(self, px: float, py: float, component: Component) -> Terms:
-        """Return the weights with which the flow's values sum to a component's value at a point in the flow."""
-        return self._terms(component, bilinear(*self._grid.axes(component), px, py))
+    def _at_slots(self, flow: Flow) -> tuple[Array, Array, Array]:
+        """Return u on the base's faces, u on the next faces downstream, and the mean of these values."""
+        face, ahead = flow.faces_u[self._grid.rear], flow.faces_u[self._grid.rear + 1]
+        return face, ahead, 0.5 * (face + ahead)
 
     def _terms(self, component: Component, entries: list[tuple[tuple[int, int], float]]) -> Terms:
-        terms: Terms = defaultdict(float)
-        for face, w in entries:
-            terms[self._layout.index(component, *face)] += w
-        return terms
+        numbers = self._numbers.unpadded(component)
+        return defaultdict(float, {int(numbers[face]): w for face, w in entries})
 
     def _flow_points(self, x: float, y: float, nx: float, ny: float, component: Component) -> list[tuple[float, Terms]]:
         """Return the two nearest points along the normal at (x, y) that lie between values in the fluid. Each entry has
@@ -236,7 +208,7 @@ class Surface:
         scale = 1.0 / (d1 * d2 * (d2 - d1))
         return _combine((d2 * d2 * scale, first), (-d1 * d1 * scale, second))
 
-    def _wall_force(self, viscosity: float) -> tuple[Terms, Terms]:
+    def _wall_force(self) -> tuple[Terms, Terms]:
         drag: Terms = defaultdict(float)
         lift: Terms = defaultdict(float)
         for x, y, nx, ny, length in self._wall_elements():
@@ -245,9 +217,9 @@ class Surface:
             _add(lift, -ny * length, pressure)
             # On a no-slip wall the viscous traction is nu du/dn. It is tangential, because the flow is solenoidal.
             if abs(ny) > 1e-9:
-                _add(drag, 2.0 * viscosity * length, self._wall_shear(x, y, nx, ny, "u"))
+                _add(drag, 2.0 * self._viscosity * length, self._wall_shear(x, y, nx, ny, "u"))
             if abs(nx) > 1e-9:
-                _add(lift, 2.0 * viscosity * length, self._wall_shear(x, y, nx, ny, "v"))
+                _add(lift, 2.0 * self._viscosity * length, self._wall_shear(x, y, nx, ny, "v"))
         return drag, lift
 
     def _wall_elements(self) -> list[tuple[float, float, float, float, float]]:

@@ -83,7 +83,7 @@ class Tape(CopiedWhole):
             start=plant.flow.flat.copy(),
             steps=self._memory(substeps),
             action_from=plant.action,
-            action_to=action,
+            action_to=float(action),  # NumPy's single precision would also round the sensitivities
             t=plant.t,
         )
         plant.advance_to(substeps, action, starts=period.steps)

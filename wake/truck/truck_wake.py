@@ -124,11 +124,7 @@ class TruckWake(CopiedWhole, SteppedPlant):
         reaches the action at the period's end; without an action, its flow rate does not change. `starts` is as in
         `FlowSolver.run`. Raises PlantError if the substep is not later in this period, if the action is not finite or
         exceeds the bound, or if the flow diverges."""
-        self._check_substep(substep)
-        into, last = self.substeps_into_period, self.config.substeps
-        target = self._action if action is None else self._checked(action)
-        steps = substep - into
-        reached = self._action + (target - self._action) * steps / (last - into)
+        steps, reached, in_force = self._ramp(substep, action)
         self.solver.run(
             self.flow,
             dt=self.dt,
@@ -139,7 +135,7 @@ class TruckWake(CopiedWhole, SteppedPlant):
             starts=starts,
         )
         self._substep += steps
-        self._action = target if substep == last else reached
+        self._action = in_force
 
     def sample(self) -> Sample:
         measured, a = self.surface.measure(self.flow), self._action

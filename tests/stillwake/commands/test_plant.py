@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wake.truck import develop, truck_wake
-from wake.truck.state import load_state
+from wake.truck.state import State, load_state
 from wake.truck.truck_wake import TruckWake
 
 
@@ -31,27 +31,19 @@ def test_develop_writes_the_state_it_ends_in(plant, tmp_path, cli, monkeypatch) 
 
 
 def test_steady_writes_state_and_figures(plant, tmp_path, cli, monkeypatch) -> None:
-    settled = develop.SteadyWake(
-        state=plant.state(),
-        sample=plant.sample(),
-        base_Cp=-0.2,
-        recirculation_length=4.25,
-        velocity_rate=1e-7,
-        drag_rate=1e-8,
-        time=0.4,
-    )
+    settled, figures = plant.state(), {"Cd": 0.66, "recirculation_length": 4.25}
 
-    def settle(wake: TruckWake, progress) -> develop.SteadyWake:
+    def settle(wake: TruckWake, progress) -> tuple[State, dict[str, float]]:
         assert wake is plant
         progress(0.2, 30.0)
         progress(0.4, 1e-9)
-        return settled
+        return settled, figures
 
     monkeypatch.setattr(develop, "settle", settle)
     outcome = cli("develop", tmp_path / "s.npz", "--steady", "--json", tmp_path / "s.json")
     assert outcome.code == 0
     assert re.search(r"recirculation_length\s+4\.25", outcome.out)
-    assert np.array_equal(load_state(tmp_path / "s.npz").flat, settled.state.flat)
+    assert np.array_equal(load_state(tmp_path / "s.npz").flat, settled.flat)
     written = json.loads((tmp_path / "s.json").read_text(encoding="utf-8"))
-    assert written["figures"] == settled.figures()
+    assert written["figures"] == figures
     assert written["facts"]["grid"] == list(plant.grid.shape)

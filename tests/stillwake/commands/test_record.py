@@ -1,7 +1,6 @@
 """`record`: rounds are added, a recording that is whole stays, and a steady wake that is not there is made."""
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,14 +11,15 @@ from wake.recording import recorder
 from wake.recording.plans import CalmRound
 from wake.truck import develop
 from wake.truck.develop import start_from_rest
+from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 
 @pytest.mark.slow
 def test_a_steady_wake_that_is_not_there_is_computed_and_kept(cli, tmp_path, monkeypatch, short_release):
-    def halves_alike(wake: TruckWake, progress: object) -> SimpleNamespace:
+    def halves_alike(wake: TruckWake, progress: object) -> tuple[State, dict[str, float]]:
         start_from_rest(wake)
-        return SimpleNamespace(state=wake.state())
+        return wake.state(), {}
 
     monkeypatch.setattr(develop, "settle", halves_alike)
     # From rest the flow starts at once: for the rest of the command this is steady enough.

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import MagicMock
@@ -159,3 +160,6 @@ def test_divergence_in_the_last_step_is_refused_by_that_step_even_if_nobody_samp
         assert plant.sample().t == pytest.approx(0.3)
         with pytest.raises(PlantError, match=r"the flow diverged at t = 0\.40: take more time steps"):
             plant.advance_to(2, 0.0)
+    for other in (replace(start, substep=3), replace(start, substep=2, dt=0.05)):
+        with pytest.raises(PlantError, match=f"at step {other.substep} of a clock with dt = {other.dt}, this plant"):
+            OpenFoamWake(tmp_path / "case", other, FlowConfig(substeps=2), 0.5)

@@ -1,7 +1,6 @@
 """A film shows what the plant does: the beginning of control, and drag counted by the story."""
 
 from dataclasses import replace
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -9,25 +8,8 @@ import numpy.typing as npt
 import pytest
 
 from examples.film_of_a_run import CALM, Film, Story
-from wake.truck.truck_wake import TruckWake
 
 pytestmark = pytest.mark.slow  # figures are drawn
-
-
-class Played:
-    """The developed flow with samples of a test's making."""
-
-    def __init__(self, wake: TruckWake) -> None:
-        self._wake, self._said = wake, wake.sample()
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._wake, name)
-
-    def sample(self) -> Any:
-        return self._said
-
-    def says(self, t: float, drag: float) -> None:
-        self._said = replace(self._said, t=t, Cd=drag)
 
 
 def count(pixels: npt.NDArray[np.uint8], colour: str) -> int:
@@ -35,14 +17,15 @@ def count(pixels: npt.NDArray[np.uint8], colour: str) -> int:
     return int((np.abs(pixels - wanted) < 3.0).all(axis=2).sum())
 
 
-def test_a_film_shows_when_control_begins_and_the_drag_of_a_cycle_under_it(wake):
-    played = Played(wake)
-    film = Film(played, Story(begin=0.0, end=20.0, control=10.0, drag_before=1.0), ("base_0",), 960)
+def test_a_film_shows_when_control_begins_and_the_drag_of_a_cycle_under_it(wake, monkeypatch):
+    sample = wake.sample()
+    film = Film(wake, Story(begin=0.0, end=20.0, control=10.0, drag_before=1.0), ("base_0",), 960)
     assert "1 wall-pressure sensor" in [text.get_text() for text in film.figure.axes[0].texts]
     shown, lit = [], []
     for t in np.arange(0.0, 18.01, 0.5):
         # Without control 1.3, which must not count; then 0.9 for 5 t_c, and 0.7.
-        played.says(float(t), 1.3 if t < 10.0 else 0.9 if t <= 15.0 else 0.7)
+        said = replace(sample, t=float(t), Cd=1.3 if t < 10.0 else 0.9 if t <= 15.0 else 0.7)
+        monkeypatch.setattr(wake, "sample", lambda said=said: said)
         film.record()
         film.update()
         shown.append(film.figure.texts[0].get_text())

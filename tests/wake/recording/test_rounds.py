@@ -1,7 +1,6 @@
 """Rounds of recording, under a controller and from the steady wake: what acts, and continuing without a seam."""
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +11,7 @@ from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.errors import DatasetError, StillwakeError
 from contract.recording.dataset import Dataset, read
-from contract.release.bundle import load
-from ecu.bundle_policy import BundlePolicy
-from tests.wake.recording.killing import Killed, equal
+from tests.wake.recording.killing import Killed, equal, kill_before_operation
 from wake.recording import recorder
 from wake.recording.episode_job import NoFeedback, Policy
 from wake.recording.plans import CalmRound, ControlledRound, EpisodePlan
@@ -22,7 +19,7 @@ from wake.recording.recorder import record_round
 from wake.solver.grid import truck_grid
 from wake.truck.state import Origin, State, save_state
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("cheap_plant")]  # records episodes under a controller
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("cheap_plant")]  # records once for every change on disk
 
 LIMIT = FlowConfig().action_limit
 STEADY = State(
@@ -127,27 +124,23 @@ def test_calls_add_rounds_of_both_kinds_that_repeat_nothing(tmp_path, oscillator
         assert (episode.provenance["amplitude"], episode.provenance["start"]) == (plan.level, "steady.npz")
 
 
-def test_a_stopped_recording_continues_without_a_seam(tmp_path, short_release):
-    # The controller's window takes four steps to fill: its plan is stopped as it goes on, too.
-    wanted = a_round(steps=12)
-    arguments: dict[str, Any] = {"policy": partial(BundlePolicy, load(short_release)), "block_steps": 3}
-    whole = recorded(tmp_path / "whole.h5", wanted, **arguments)
-    calls = 0
-
-    def stop(name: str, steps: int, total: int) -> None:
-        nonlocal calls
-        calls += 1
-        # The first two calls announce the episodes.
-        if calls > 2:
-            calls = 0
-            raise Killed
-
-    stopped = tmp_path / "stopped.h5"
-    stops = 0
-    while not stopped.exists():
-        try:
-            recorded(stopped, wanted, progress=stop, **arguments)
-        except Killed:
-            stops += 1
-    assert stops >= 6
-    assert equal(read(stopped), whole)
+def test_it_may_be_killed_before_any_change_on_disk_and_continues_without_a_seam(tmp_path, oscillator):
+    """The controller's memory is continued, too."""
+    wanted = a_round(episodes=1, steps=8)
+    whole = recorded(tmp_path / "whole.h5", wanted)
+    number, killed = 1, True
+    while killed:
+        output = tmp_path / f"{number}.h5"
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(recorder, "TruckWake", oscillator)
+            operations = kill_before_operation(patch, number)
+            killed = False
+            try:
+                recorded(output, wanted)
+            except Killed:
+                killed = True
+        assert not killed or operations() >= number
+        found = read(output) if output.exists() else recorded(output, wanted)
+        assert equal(found, whole), f"killed before operation {number}"
+        number += 1
+    assert number > 20

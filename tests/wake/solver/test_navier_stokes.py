@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wake.solver import boundary
-from wake.solver.grid import from_faces
+from wake.solver.grid import Grid
 from wake.solver.navier_stokes import FlowSolver
 from wake.truck.truck_wake import TruckWake
 
@@ -20,7 +20,7 @@ def _kovasznay_error(rows: int) -> float:
     The cell |y| <= 1/2 has slip sides in the exact solution too; the disturbance decays as exp(DECAY x) and is below
     the discretisation error at the outlet.
     """
-    grid = from_faces(-0.5 + np.linspace(0.0, 7.5, 4 * rows + 1), np.linspace(-0.5, 0.5, rows + 1))
+    grid = Grid(xf=-0.5 + np.linspace(0.0, 7.5, 4 * rows + 1), yf=np.linspace(-0.5, 0.5, rows + 1))
     everywhere = boundary.build(grid, lambda x, y: np.ones_like(np.asarray(x, dtype=float)))
 
     def exact_u(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -49,8 +49,7 @@ def _after_two_ramps(wake: TruckWake, steps: int) -> tuple[np.ndarray, np.ndarra
     """Velocities and pressure after the jets went to 0.06 and on to -0.03, a period each."""
     for start, end in ((0.0, 0.06), (0.06, -0.03)):
         wake.solver.run(wake.flow, dt=0.2 / steps, steps=steps, action_from=start, action_to=end)
-    velocities = np.concatenate([wake.flow.u.reshape(-1), wake.flow.v.reshape(-1)])
-    return velocities, wake.flow.p.copy()
+    return wake.flow.velocities.copy(), wake.flow.p.copy()
 
 
 def test_velocity_is_of_second_order_in_time_and_pressure_of_first(coarse):

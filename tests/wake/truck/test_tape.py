@@ -43,9 +43,10 @@ def weights_of(plant: TruckWake, seed: int) -> list[Sample]:
 
 @pytest.mark.slow  # numba compiles the adjoint
 def test_gradients_by_actions_and_start_are_those_of_differences(plant):
-    """Of a sum of all that a sample has, at each period with other weights; with memory for one period and for all."""
+    """Of a sum of all that a sample has, at each period with other weights; with memory for one period and for all, and
+    actions in double and single precision."""
     start, weights = plant.state(), weights_of(plant, 3)
-    actions = np.random.default_rng(4).uniform(-0.05, 0.05, PERIODS)
+    actions = np.random.default_rng(4).uniform(-0.05, 0.05, PERIODS).astype(np.float32)
     direction = Flow.zeros(plant.grid.shape)
     for faces, is_open in ((direction.faces_u, plant.boundary.open_u), (direction.faces_v, plant.boundary.open_v)):
         faces[is_open] = np.random.default_rng(5).normal(size=int(is_open.sum()))
@@ -53,7 +54,7 @@ def test_gradients_by_actions_and_start_are_those_of_differences(plant):
     def total(moved: float, along: np.ndarray) -> float:
         plant.reset(start)
         plant.flow.flat[:] += moved * direction.flat
-        samples = [plant.advance(action) for action in actions + along]
+        samples = [plant.advance(action) for action in actions.astype(float) + along]
         return sum(
             w.Cp @ s.Cp + sum(getattr(w, name) * getattr(s, name) for name in SCALARS)
             for w, s in zip(weights, samples, strict=True)
@@ -63,7 +64,7 @@ def test_gradients_by_actions_and_start_are_those_of_differences(plant):
     for memory_mb in (one_period + PERIODS * start.flat.nbytes / 1e6, 1000.0):
         plant.reset(start)
         tape = Tape(plant, memory_mb)
-        for action in actions:
+        for action in actions if memory_mb == 1000.0 else actions.tolist():
             tape.advance(action)
         # A copy has a plant of its own, whatever becomes of this one.
         tape = copy.copy(tape)
@@ -74,7 +75,7 @@ def test_gradients_by_actions_and_start_are_those_of_differences(plant):
     for k in range(0, PERIODS, 2):
         by = 1e-5 * np.eye(PERIODS)[k]
         assert slopes[0][k] == pytest.approx((total(0.0, by) - total(0.0, -by)) / 2e-5, rel=1e-6)
-    slope = (total(1e-6, 0.0 * actions) - total(-1e-6, 0.0 * actions)) / 2e-6
+    slope = (total(1e-6, np.zeros(PERIODS)) - total(-1e-6, np.zeros(PERIODS))) / 2e-6
     assert tape.bar.flat @ direction.flat == pytest.approx(slope, rel=1e-6)
     plant.reset(start)
 
