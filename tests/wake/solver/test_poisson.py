@@ -1,10 +1,12 @@
 """The fast solver against SciPy's general sparse one."""
 
 import numpy as np
+from numba.core.caching import CacheImpl
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.linalg import spsolve
 
 from wake.solver import poisson
+from wake.solver.compiled import compiled
 from wake.solver.grid import Grid, truck_grid
 from wake.truck.surface import signed_distance
 
@@ -44,3 +46,14 @@ def test_agrees_with_a_sparse_direct_solve_around_the_truck():
     poisson.build(grid, fluid).solve_into(b, phi)
     # Rounding, amplified by the conditioning of a stretched grid.
     assert np.abs(phi - expected)[fluid].max() < 1e-9 * np.abs(expected).max()
+
+
+def test_where_no_folder_can_be_written_each_process_compiles(monkeypatch):
+    """As in a read-only container without a home."""
+    monkeypatch.setattr(CacheImpl, "_locator_classes", [])
+
+    @compiled("contract")
+    def doubled(x):
+        return 2.0 * x
+
+    assert doubled(1.5) == 3.0
