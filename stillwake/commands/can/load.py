@@ -104,7 +104,7 @@ def _table(found: "BusLoad") -> Table:
     # A table without lines and edges, with one space between columns, fits into a terminal of 80 columns.
     table = Table(title="worst cases in ms; messages of stillwake in bold", box=SIMPLE_HEAD, padding=0, show_edge=False)
     for head in _HEADS:
-        table.add_column(head, justify="left" if head in ("message", "met") else "right", overflow="fold")
+        table.add_column(head, justify="left" if head in ("message", "met") else "right")
     for one in found.messages:
         message, response = one.message, one.response
         late = not response.in_time
