@@ -28,8 +28,15 @@ from stillwake.console.outputs import check_apart, check_json, check_output, sav
 from stillwake.console.progress import phases
 from stillwake.console.settings import TESTERS_BUS, read_settings, settings
 from stillwake.console.terminal import console, print_table
-from stillwake.parts.c_release import c_library, library_folder, write_fmu, write_image, write_shipped_library
-from stillwake.parts.descriptions import A2L, descriptions
+from stillwake.parts.c_release import (
+    A2L,
+    c_library,
+    descriptions,
+    library_folder,
+    write_fmu,
+    write_image,
+    write_shipped_library,
+)
 from stillwake.parts.fitted_estimator import fitted_estimator
 from stillwake.parts.releases import open_release
 

@@ -207,7 +207,7 @@ def _record_round(
 
 def _settled(steady: Path, config: Config) -> None:
     """Compute the steady wake if its file does not exist, and check that it is a steady wake of this plant."""
-    from stillwake.parts.settling import settle_into
+    from stillwake.parts.wakes import settle_into
     from wake.recording.episode_job import check_start
     from wake.truck.develop import check_steady
     from wake.truck.state import load_state
