@@ -108,8 +108,7 @@ def record(
 
 
 def lengths_of(texts: list[str]) -> dict[str, int]:
-    """Read the numbers of control steps by kind of episode; raises ConfigError for a text that is not a number of
-    steps."""
+    """Read the numbers of control steps by kind of episode; raises ConfigError for another text."""
     found = {}
     for kind, text in shared.pairs(texts, "training=6000", _KINDS):
         if not (text.isascii() and text.isdigit() and len(text) < 10):

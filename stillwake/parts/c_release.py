@@ -113,19 +113,9 @@ def write_shipped_library(
 
 
 def write_fmu(fmu: "tuple[FmuKind, Path]", library: Path, release: Bundle, config: Config) -> None:
-    """Write the ECU of a C library as an FMU for co-simulation.
-
-    Args:
-        fmu: kind of the FMU, and the file to write.
-        library: folder of the C library.
-        release: release from which the library was made.
-        config: settings of the vehicle, which are compiled into the FMU.
-
-    Raises:
-        ConfigError: the kind does not support the settings.
-        LibraryError: the library has only the control step, or does not compile.
-        StillwakeError: the file cannot be written.
-    """
+    """Write the ECU of a C library, which was made from `release`, as an FMU of a kind into a file. The settings of the
+    vehicle are compiled in. Raises ConfigError if the kind does not support them; LibraryError if the library has only
+    the control step, or does not compile; StillwakeError if the file cannot be written."""
     from firmware_sim.fmu.fmu_files import ecu_fmu
 
     (kind, path), sources = fmu, read_sources(library)

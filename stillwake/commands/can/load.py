@@ -54,8 +54,7 @@ def load(
 
 
 def figures(found: "BusLoad") -> dict[str, Any]:
-    """Return the figures for `--json`: loads as shares of the bus's time, and times in ms. A time without a bound is
-    None."""
+    """Return the figures for `--json`: loads as shares of the bus's time, times in ms, None where there is no bound."""
     return {
         "load_mean": found.mean,
         "load_worst": found.worst,
