@@ -7,13 +7,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import h5py
 import pytest
 
 from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.model.model_folder import DESCRIPTION, MODEL_SCHEMA
-from contract.shipped import RECORDING, developed
+from contract.shipped import developed
 from stillwake.commands import export as export_command
 from wake.truck import truck_wake
 
@@ -203,18 +202,6 @@ def test_a_wrong_call_is_explained(cli, place) -> None:
         assert outcome.code == 2, words
         assert named in outcome.err and "Traceback" not in outcome.err, (words, outcome.err)
     assert sorted(place.rglob("*")) == before
-
-
-def test_a_recording_that_does_not_fit_is_named(refused, place, random_release) -> None:
-    path = shutil.copy(RECORDING, place / "recording.h5")
-    for name, value, named in (
-        ("sensors", json.dumps(["base_0"]), "other sensors"),
-        ("schema", "stillwake-dataset/0", "this version reads 'stillwake-dataset/3'"),
-    ):
-        with h5py.File(path, "r+") as file:
-            file.attrs[name] = value
-        assert named in refused("train", "m", "--dataset", path)
-    assert named in refused("record", path, "--under", random_release)
 
 
 def test_a_signed_bundle_is_named_as_such(refused, place, sound) -> None:
