@@ -141,7 +141,12 @@ def measured(
 
     config = loaded.config
     chosen = folder / "settings.toml"
-    chosen.write_text(as_toml(_given(loaded)), encoding="utf-8")
+    # All other settings have the same defaults in both processes.
+    own = [
+        replace(section, settings=tuple(one for one in section.settings if one.name in loaded.given))
+        for section in sections(config)
+    ]
+    chosen.write_text(as_toml(own), encoding="utf-8")
     lead_in = LEAD_IN_S / config.operating_point.convective_time
     before = round(LEAD_IN_S * 1e9 / config.period_ns) + window
     total = periods + before + SPARE_PERIODS
@@ -178,15 +183,6 @@ def figures(runs: "Sequence[MeasuredRun]") -> dict[str, Any]:
 
 
 _STILLWAKE: Final = (sys.executable, "-m", "stillwake")
-
-
-def _given(loaded: Loaded) -> list[Any]:
-    """Return the sections with the settings that the user gave; the others have the same defaults in both processes."""
-    listed = (
-        replace(section, settings=tuple(one for one in section.settings if one.name in loaded.given))
-        for section in sections(loaded.config)
-    )
-    return [section for section in listed if section.settings]
 
 
 def _subjects(
