@@ -2,11 +2,13 @@
 
 import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -70,7 +72,13 @@ def _checked(command: list[str], folder: str | None) -> str:
 
 
 def _run(command: list[str], folder: str | None) -> subprocess.CompletedProcess[str]:
+    run = partial(subprocess.run, command, cwd=folder, capture_output=True, text=True, check=False)
     try:
-        return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        done = run()
+        if re.match(r"error: unable to \w+ (zig|global) cache directory", done.stderr):
+            # Without a home that can be written, `ziglang` needs another folder for the parts that it keeps.
+            with tempfile.TemporaryDirectory() as cache:
+                done = run(env=os.environ | {"ZIG_GLOBAL_CACHE_DIR": cache})
+        return done
     except OSError as error:
         raise LibraryError(f"{command[0]}: {error.strerror or error}") from error

@@ -3,11 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import date
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
-from rich.table import Table
 from rich.text import Text
 
 from contract.config.tree import Config
@@ -19,7 +19,7 @@ from stillwake.console.outputs import check_json, claim, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
 from stillwake.console.stopping import go_on_with
-from stillwake.console.terminal import console
+from stillwake.console.terminal import console, print_table
 from stillwake.parts.releases import describe, open_release
 
 if TYPE_CHECKING:
@@ -160,14 +160,11 @@ def _print(result: "Result") -> None:
     """Print the table of the scenarios, then the headline, because a terminal shows the end of the output."""
     from firmware_sim.campaign.judgement import MATRIX_HEADS, cells, headline
 
-    table = Table(*MATRIX_HEADS)
+    rows = []
     for row in result.rows:
         styles = ["", "green" if row.safe else "bold red", {"useful": "blue", "marginal": "yellow"}.get(row.use, "red")]
-        words = cells(row)
-        table.add_row(
-            *(Text(word, style=style) for word, style in zip(words, [*styles, *[""] * len(words)], strict=False))
-        )
-    console.print(table)
+        rows.append([Text(word, style=style) for word, style in zip_longest(cells(row), styles, fillvalue="")])
+    print_table(*MATRIX_HEADS, rows=rows)
     if result.kept:
         console.print(f"{result.made} runs computed, {result.kept} read from the folder")
     console.print(headline(result.rows))

@@ -28,8 +28,15 @@ from stillwake.console.outputs import check_apart, check_json, check_output, sav
 from stillwake.console.progress import phases
 from stillwake.console.settings import TESTERS_BUS, read_settings, settings
 from stillwake.console.terminal import console, print_table
-from stillwake.parts.c_release import c_library, library_folder, write_fmu, write_image, write_shipped_library
-from stillwake.parts.descriptions import A2L, descriptions
+from stillwake.parts.c_release import (
+    A2L,
+    c_library,
+    descriptions,
+    library_folder,
+    write_fmu,
+    write_image,
+    write_shipped_library,
+)
 from stillwake.parts.fitted_estimator import fitted_estimator
 from stillwake.parts.releases import open_release
 
@@ -124,7 +131,8 @@ def export(
     files.check(overwrite=overwrite)
     if files.in_c:
         files.check_in_c(config)
-    if files.need_ecu:
+    if (fmu, image, for_testers) != (None, None, None):
+        # These files contain or describe the ECU; the folder of --c can have a control step only.
         from ecu.fit import check_ecu
 
         sensors = len(model_folder.read(model).description.sensors)
@@ -146,11 +154,6 @@ class _Files:
     def in_c(self) -> bool:
         """Whether the C library is needed, for its own folder or to make the FMU or the image."""
         return self.c is not None or self.fmu is not None or self.image is not None
-
-    @property
-    def need_ecu(self) -> bool:
-        """Whether a file describes or contains the ECU; the folder of `c` can have a control step only."""
-        return (self.fmu, self.image, self.for_testers) != (None, None, None)
 
     @property
     def any_given(self) -> bool:

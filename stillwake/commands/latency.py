@@ -141,19 +141,29 @@ def measured(
 
     config = loaded.config
     chosen = folder / "settings.toml"
-    chosen.write_text(as_toml(_given(loaded)), encoding="utf-8")
+    # All other settings have the same defaults in both processes.
+    own = [
+        replace(section, settings=tuple(one for one in section.settings if one.name in loaded.given))
+        for section in sections(config)
+    ]
+    chosen.write_text(as_toml(own), encoding="utf-8")
     lead_in = LEAD_IN_S / config.operating_point.convective_time
     before = round(LEAD_IN_S * 1e9 / config.period_ns) + window
     total = periods + before + SPARE_PERIODS
+    longest = longest_run(total, config.period_ns)
+    # The benefit check is off, because the vehicle's pressures are recorded and do not respond to the jets.
+    unjudged = ["--set", str(chosen), "--set", "ecu.benefit_check.enabled=false"]
+    replay = ["--periods", str(total), "--lead-in", str(lead_in), "--set", str(chosen)]
     counters, runs = profile_of(message_set(config.bus).pressure.spec).counter_period, []
     with progress("periods") as report:
         for subject in subjects:
             place = folder / subject.name
             place.mkdir()
+            library = [] if subject.library is None else ["--library", str(subject.library)]
             run = recorded(
                 place,
-                ecu=ecu_command(subject, chosen, periods=longest_run(total, config.period_ns)),
-                vehicle=vehicle_command(subject, chosen, periods=total, lead_in=lead_in),
+                ecu=[*_STILLWAKE, "ecu", str(subject.bundle), *library, "--periods", str(longest), *unjudged],
+                vehicle=[*_STILLWAKE, "vehicle", "--bundle", str(subject.bundle), *replay],
                 periods=total,
                 period_ns=config.period_ns,
                 progress=lambda done, one=subject: report(one.name, done, total, one.about),  # type: ignore[misc]
@@ -161,21 +171,6 @@ def measured(
             periods_of = {"period_ns": config.period_ns, "counter_period": counters}
             runs.append(MeasuredRun.of(run, name=subject.name, about=subject.about, **periods_of))
     return runs
-
-
-def ecu_command(subject: Subject, chosen: Path, *, periods: int) -> list[str]:
-    """Return the command line of `stillwake ecu` for this controller, with at most `periods` control steps."""
-    library = [] if subject.library is None else ["--library", str(subject.library)]
-    # The benefit check is off, because the vehicle's pressures are recorded and do not respond to the jets.
-    unjudged = ["--set", "ecu.benefit_check.enabled=false"]
-    options = [*library, "--periods", str(periods), "--set", str(chosen), *unjudged]
-    return [*_STILLWAKE, "ecu", str(subject.bundle), *options]
-
-
-def vehicle_command(subject: Subject, chosen: Path, *, periods: int, lead_in: float) -> list[str]:
-    """Return the command line of `stillwake vehicle` that replays recorded pressures for this controller."""
-    run = ["--periods", str(periods), "--lead-in", str(lead_in)]
-    return [*_STILLWAKE, "vehicle", "--bundle", str(subject.bundle), *run, "--set", str(chosen)]
 
 
 def figures(runs: "Sequence[MeasuredRun]") -> dict[str, Any]:
@@ -188,16 +183,6 @@ def figures(runs: "Sequence[MeasuredRun]") -> dict[str, Any]:
 
 
 _STILLWAKE: Final = (sys.executable, "-m", "stillwake")
-
-
-def _given(loaded: Loaded) -> list[Any]:
-    """Return the sections with only the settings that the user gave; all other settings have the same defaults in both
-    processes."""
-    listed = (
-        replace(section, settings=tuple(one for one in section.settings if one.name in loaded.given))
-        for section in sections(loaded.config)
-    )
-    return [section for section in listed if section.settings]
 
 
 def _subjects(

@@ -14,7 +14,7 @@ from stillwake.console.outputs import check_json, check_output, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
 from stillwake.console.terminal import console
-from stillwake.parts.settling import settle_into
+from stillwake.parts.wakes import settle_into
 
 USES: Final = ("flow", "body")
 """Settings of a plant without forcing or control."""

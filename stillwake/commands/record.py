@@ -108,8 +108,7 @@ def record(
 
 
 def lengths_of(texts: list[str]) -> dict[str, int]:
-    """Read the numbers of control steps by kind of episode; raises ConfigError for a text that is not a number of
-    steps."""
+    """Read the numbers of control steps by kind of episode; raises ConfigError for another text."""
     found = {}
     for kind, text in shared.pairs(texts, "training=6000", _KINDS):
         if not (text.isascii() and text.isdigit() and len(text) < 10):
@@ -207,7 +206,7 @@ def _record_round(
 
 def _settled(steady: Path, config: Config) -> None:
     """Compute the steady wake if its file does not exist, and check that it is a steady wake of this plant."""
-    from stillwake.parts.settling import settle_into
+    from stillwake.parts.wakes import settle_into
     from wake.recording.episode_job import check_start
     from wake.truck.develop import check_steady
     from wake.truck.state import load_state

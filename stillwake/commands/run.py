@@ -20,8 +20,8 @@ from stillwake.console.progress import progress
 from stillwake.console.settings import VIRTUAL_BUS, settings
 from stillwake.console.terminal import console, print_table, visible
 from stillwake.parts.c_release import library_folder
-from stillwake.parts.driven import driven_at
 from stillwake.parts.releases import asked_calibration, describe, open_release
+from stillwake.parts.wakes import driven_at
 
 if TYPE_CHECKING:
     from ecu.stepped import LoopEcu

@@ -17,8 +17,8 @@ from stillwake.console.progress import progress
 from stillwake.console.settings import REAL_BUS, settings, with_bus
 from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import console, print_table
-from stillwake.parts.driven import driven_at
 from stillwake.parts.releases import open_release
+from stillwake.parts.wakes import driven_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -142,8 +142,7 @@ def check_json(path: Path | None, *others: Path | None) -> None:
 
 
 def check_frames(path: Path | None) -> None:
-    """Check that a measurement file of frames can be written, and that the package for its format is installed; lock
-    its path."""
+    """Lock the path of a measurement file, and check that the file can be written in its format."""
     if path is not None:
         from can_bridge.tools.measurement import check_measurement
 

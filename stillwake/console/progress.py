@@ -6,7 +6,6 @@ Bar and lines use rich's `Progress`, which counts the steps and estimates the ti
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from math import inf
 from threading import Event, Thread
 from typing import Any, Final
@@ -79,14 +78,14 @@ class ProgressLines(Progress):
     ) -> None:
         super().__init__(console=console, speed_estimate_period=estimate_over, get_time=clock, disable=True)
         self._interval = interval
-        self._lines: dict[TaskID, _Line] = {}
+        # The time of each task's latest line, and the count in it.
+        self._lines: dict[TaskID, tuple[float, float]] = {}
         self._latest: TaskID | None = None
         self._ended = Event()
         self._heart = Thread(target=self._beat, name="progress", daemon=True)
 
     def start(self) -> None:
-        """Start a thread that prints lines between updates, because a step of the work may take longer than the
-        interval."""
+        """Start a thread that prints lines between updates: a step may take longer than the interval."""
         self._heart.start()
 
     def stop(self) -> None:
@@ -95,7 +94,7 @@ class ProgressLines(Progress):
         self._heart.join()
         with self._lock:
             for task in self._tasks.values():
-                if task.id in self._lines and task.completed != self._lines[task.id].completed:
+                if task.id in self._lines and task.completed != self._lines[task.id][1]:
                     self._print(task)
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
@@ -109,9 +108,9 @@ class ProgressLines(Progress):
                 # If several tasks start together, only the first task gets a line at its start.
                 if task.completed > 0 or not self._lines:
                     self._print(task)
-            elif task.completed != last.completed:
+            elif task.completed != last[1]:
                 self._latest = task_id
-                if task.finished or self.get_time() - last.at >= self._interval:
+                if task.finished or self.get_time() - last[0] >= self._interval:
                     self._print(task)
 
     def _beat(self) -> None:
@@ -123,11 +122,11 @@ class ProgressLines(Progress):
 
     def _silent_since(self, shown: TaskID) -> float:
         began = self._tasks[shown].start_time
-        return max((line.at for line in self._lines.values()), default=inf if began is None else began)
+        return max((at for at, _ in self._lines.values()), default=inf if began is None else began)
 
     def _print(self, task: Task) -> None:
         self._latest = task.id
-        self._lines[task.id] = _Line(self.get_time(), task.completed)
+        self._lines[task.id] = self.get_time(), task.completed
         self.console.print(line_of(task), markup=False, highlight=False, soft_wrap=True)
 
 
@@ -253,14 +252,6 @@ def span(seconds: float) -> str:
 
 def _count(number: float) -> str:
     return f"{number:.0f}" if abs(number) < 1e15 and number == round(number) else f"{number:g}"
-
-
-@dataclass(frozen=True)
-class _Line:
-    """The time at which a task's last line was printed, and the count in this line."""
-
-    at: float
-    completed: float
 
 
 class _Note(ProgressColumn):

@@ -25,7 +25,10 @@ class PlainConsole(Console):
     """A console that shows control characters as escapes. Only `style` or a `Text` gives colour."""
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print as rich does, but without breaking lines of text, so that paths and commands stay whole."""
+        """Print as rich does, but without breaking lines of text, so that paths and commands stay whole. On a narrow
+        terminal a table's words and numbers are folded; rich would cut off their ends."""
+        for column in (column for one in objects if isinstance(one, Table) for column in one.columns):
+            column.overflow = "fold"
         super().print(*objects, **{"soft_wrap": all(isinstance(one, str | Text) for one in objects), **options})
 
     def render_str(self, text: str, **options: Any) -> Text:
@@ -44,13 +47,10 @@ console = make_console()
 
 
 def print_table(*heads: str | Column, rows: Iterable[Iterable[str | Text]], **options: Any) -> None:
-    """Print rows of text below their headings; `options` are options of rich's `Table`. On a narrow terminal, words are
-    folded; rich would cut off their ends."""
+    """Print rows of text below their headings; `options` are options of rich's `Table`."""
     table = Table(*heads, **options)
     for row in rows:
         table.add_row(*row)
-    for column in table.columns:
-        column.overflow = "fold"
     console.print(table)
 
 

@@ -1,4 +1,5 @@
-"""The functions that write the folder of a C library with its ECU, and the library's FMU and image."""
+"""The functions that write the folder of a C library with its ECU, the library's FMU and image, and the descriptions of
+an ECU for other tools."""
 
 import tempfile
 from collections.abc import Callable, Iterator
@@ -6,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
@@ -17,16 +18,17 @@ from contract.config.tree import Config
 from contract.controller.c_folder import ECU_SETTINGS, read_sources
 from contract.controller.estimator import ESTIMATOR
 from contract.errors import LibraryError, StillwakeError
-from contract.release.checks import Bundle
+from contract.release.checks import Bundle, dbc_bytes
 from contract.release.controller_image import FORMATS
 from contract.shipped import model, recording
-from stillwake.parts.descriptions import descriptions
 from stillwake.parts.releases import open_release
 
 if TYPE_CHECKING:
     from export.release.gated import Gated
     from export.release.pipeline import CLibrary
     from firmware_sim.fmu.kinds import FmuKind
+
+A2L: Final = "stillwake.a2l"
 
 
 def ecu_files(release: Bundle, rows: Array, *, config: Config, notice: Callable[[str], None]) -> dict[str, bytes]:
@@ -53,6 +55,28 @@ def ecu_files(release: Bundle, rows: Array, *, config: Config, notice: Callable[
     except StillwakeError as error:
         notice(f"no ECU in C; the library has only the control step: {error}")
         return {}
+
+
+def descriptions(release: Bundle, config: Config) -> dict[str, bytes]:
+    """Return the descriptions of a release's ECU for other tools, by the names of their files: its messages, its
+    calibration and its diagnosis. Raises BundleError if the release is for another vehicle."""
+    from can_bridge.calibration.a2l import a2l_text
+    from can_bridge.calibration.segment import Segment
+    from can_bridge.odx.pdx import pdx
+    from can_bridge.odx.seed_and_key import SEED_AND_KEY, seed_and_key
+    from ecu.calibrating import limits_of, release_calibration
+    from ecu.fit import check_vehicle
+    from firmware_sim.runs.reasons import BECAUSE
+
+    check_vehicle(release, config)
+    segment = Segment(release_calibration(release, config), limits_of(release, config))
+    a2l = a2l_text(segment, release=release.manifest.name, bus=config.bus, period_ns=config.period_ns)
+    return {
+        "stillwake.dbc": dbc_bytes(),
+        A2L: a2l.encode(),
+        "stillwake.pdx": pdx(config.bus, BECAUSE),
+        SEED_AND_KEY: seed_and_key(),
+    }
 
 
 def c_library(folder: Path, config: Config, notice: Callable[[str], None], *, billed: bool = True) -> "CLibrary":
@@ -89,19 +113,9 @@ def write_shipped_library(
 
 
 def write_fmu(fmu: "tuple[FmuKind, Path]", library: Path, release: Bundle, config: Config) -> None:
-    """Write the ECU of a C library as an FMU for co-simulation.
-
-    Args:
-        fmu: kind of the FMU, and the file to write.
-        library: folder of the C library.
-        release: release from which the library was made.
-        config: settings of the vehicle, which are compiled into the FMU.
-
-    Raises:
-        ConfigError: the kind does not support the settings.
-        LibraryError: the library has only the control step, or does not compile.
-        StillwakeError: the file cannot be written.
-    """
+    """Write the ECU of a C library, which was made from `release`, as an FMU of a kind into a file. The settings of the
+    vehicle are compiled in. Raises ConfigError if the kind does not support them; LibraryError if the library has only
+    the control step, or does not compile; StillwakeError if the file cannot be written."""
     from firmware_sim.fmu.fmu_files import ecu_fmu
 
     (kind, path), sources = fmu, read_sources(library)

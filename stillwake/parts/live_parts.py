@@ -146,21 +146,17 @@ class Ecus:
 
 
 def controllers(release: Bundle, library: Path | None) -> "list[Choice]":
-    """Return the controllers of the live loop with this release, in the order of
-    `firmware_sim.live.settings.CONTROLLERS`."""
+    """Return the controllers of the live loop with this release, in the order of the page's `CONTROLLERS`."""
     from ecu.in_c.compiler import host_compiler
 
-    precision = release.manifest.precision
-    return [
-        {"name": "python", "label": f"Python, {precision} ONNX graph", "missing": None},
-        {"name": "c", "label": f"C, {precision}", "missing": _no_library(release, library) or _error_of(host_compiler)},
-        {
-            "name": "mcu",
-            "label": f"emulated Cortex-M7, {precision}",
-            "missing": _no_library(release, library) or _lacks(_EMULATES),
-        },
-        {"name": "off", "label": "off: no supply", "missing": None},
-    ]
+    precision, no_library = release.manifest.precision, _no_library(release, library)
+    rows = (
+        ("python", f"Python, {precision} ONNX graph", None),
+        ("c", f"C, {precision}", no_library or _error_of(host_compiler)),
+        ("mcu", f"emulated Cortex-M7, {precision}", no_library or _lacks(_EMULATES)),
+        ("off", "off: no supply", None),
+    )
+    return [{"name": name, "label": label, "missing": lacks} for name, label, lacks in rows]
 
 
 def plants(state: Path | None = None) -> "list[Choice]":

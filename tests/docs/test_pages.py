@@ -1,5 +1,9 @@
-"""The documents name what exists: links and anchors, files, commands and their options."""
+"""The documents name what exists: links and anchors, files, commands and their options, error messages; and their
+pictures are of the results and the release that are there."""
 
+import ast
+import hashlib
+import json
 import re
 import shlex
 import tomllib
@@ -12,13 +16,18 @@ from typing import Any
 
 import pytest
 import typer
+from PIL import Image
 
 import benchmarks.__main__ as door
 import stillwake.__main__ as command_line
+from benchmarks.common.documents import SOURCE, source_text
 from contract.config.loading import load_config
 from contract.config.tree import Config
+from contract.release import bundle
+from contract.shipped import BUNDLE
 from docs.made import whole
 from firmware_sim.bench.disturbances import Disturbances
+from stillwake.console.start import ROOMS
 from tests.conftest import kept_command
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -31,6 +40,11 @@ _CODE = re.compile(r"```.*?```", re.DOTALL)
 _FILE = re.compile(r"`([\w.-]+(?:/[\w.*-]+)*/(?:[\w*-]+\.(?:py|c|h|md|toml|pub|h5|npz|dbc|json))?)`")
 _NAME = re.compile(r"`((?:contract|wake|export|can_bridge|firmware_sim|stillwake|benchmarks)(?:\.(?!npz\b)\w+)+)`")
 _OWN = {path.parent.name for path in ROOT.glob("*/__init__.py")} | {"docs", "results", "tests"}
+GAP = "\0"
+"""Stands for what a message fills in."""
+PICTURES = ROOT / "docs" / "pictures"
+NOT_FROM_RESULTS = {"mean_flow.png"}
+"""Drawn by `stillwake picture --field mean`."""
 
 
 def _id(page: Path) -> str:
@@ -155,3 +169,53 @@ def test_disturbances_in_examples_can_be_put_into_a_run():
     assert len(texts) > 8
     for text in texts:
         Disturbances.parse([text]).check(Config(), ("upper_39", "lower_39", "base_0", "base_9"), duration_s=12.5)
+
+
+def _templates(tree: ast.AST) -> Iterator[str]:
+    """Every text of a module but its docstrings, with a gap for each value in it."""
+    alone = set[ast.expr]()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr):
+            alone.add(node.value)  # which comes later
+        elif node in alone:
+            continue
+        elif isinstance(node, ast.JoinedStr):
+            yield "".join(str(part.value) if isinstance(part, ast.Constant) else GAP for part in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
+
+
+def _pattern(quoted: str) -> str:
+    """Matches the line of a text; a gap of the page covers values and words between."""
+    return ".*".join(re.escape(part) for part in re.split(r"\.\.\.+", quoted))
+
+
+def test_every_message_is_in_the_sources():
+    files = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
+    found = {text.replace("\n", " ") for path in files for text in _templates(ast.parse(path.read_text("utf-8")))}
+    texts, page = "\n".join(sorted(found)), (ROOT / "docs" / "reference" / "errors.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^- `([^`]+)`: ", page, flags=re.MULTILINE)
+    assert len(shown) > 30 and len(set(shown)) == len(shown)
+    assert [quoted for quoted in shown if not re.search(_pattern(quoted), texts)] == []
+    # A message that was reworded is found.
+    assert not re.search(_pattern("bundle ...: not signed, must be signed by ..."), texts)
+
+
+def test_pictures_from_results_name_the_present_file():
+    for path in PICTURES.glob("*.png"):
+        if path.name not in NOT_FROM_RESULTS:
+            with Image.open(path) as image:
+                stated = image.info[SOURCE]
+            place = ROOT / stated.partition(" ")[0]
+            assert source_text(place) == stated, f"{path.name} is stale: `python -m benchmarks pictures`"
+
+
+def test_pictures_of_the_closed_loop_are_of_the_shipped_bundle():
+    provenance = json.loads((PICTURES / "provenance.json").read_text(encoding="utf-8"))
+    assert provenance["bundle"] == bundle.load(BUNDLE).digest, "another release is shipped: `make pictures`"
+    names = ("closed_loop", "run_page", "compare_page", "live_page", "live_page_light", "live_page_phone")
+    for name in ("docs/demo.png", *(f"docs/pictures/{name}.webp" for name in names)):
+        digest = hashlib.sha256((ROOT / name).read_bytes()).hexdigest()
+        assert provenance["files"][name] == digest, f"{name} was altered: `make pictures`"
+    with Image.open(ROOT / "docs" / "demo.png") as image:
+        assert image.info["Description"] == f"stillwake bundle {provenance['bundle']}"

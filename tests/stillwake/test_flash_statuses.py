@@ -19,7 +19,7 @@ from tests.can_bridge.flashing.releases import RELEASE, SECOND, keys, provisione
 from tests.can_bridge.flashing.store_ecu import SECRET, VALUES, StoreEcu
 from tests.can_bridge.tester.ecu_to_flash import SHIPPED, EcuToFlash
 from tests.can_bridge.tester.served import served
-from tests.stillwake.commands.test_bundle_diff import image_of as unsigned_image
+from tests.stillwake.commands.test_bundle import image_of as unsigned_image
 
 NUMBERS = count()
 

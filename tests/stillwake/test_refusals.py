@@ -7,13 +7,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import h5py
 import pytest
 
 from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.model.model_folder import DESCRIPTION, MODEL_SCHEMA
-from contract.shipped import RECORDING, developed
+from contract.shipped import developed
 from stillwake.commands import export as export_command
 from wake.truck import truck_wake
 
@@ -45,7 +44,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, random_release: Path)
     """A working folder with what the calls below name."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_text("in the way")
-    for name in ("folder", "folder.npz", "folder.h5", "folder.png", "folder.gif", "model", "mine", "c"):
+    for name in ("folder", "folder.npz", "model", "mine", "c"):
         (tmp_path / name).mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("five years")
     (tmp_path / "c" / "sw_settings.h").write_text("")
@@ -68,14 +67,8 @@ BEFORE_THE_WORK = {
     # A place that cannot be written.
     "develop /proc/self/out.npz": "/proc/self/out.npz",
     "develop folder.npz": "cannot write folder.npz: it is a directory",
-    "record /proc/self/out.h5": "/proc/self/out.h5",
-    "record file/out.h5": "cannot write file/out.h5",
-    "train file/out": "cannot write file/out",
     "export model file/out": "cannot write file/out",
-    "picture file/out.png": "cannot write file/out.png",
-    "picture folder.gif": "folder.gif",
     "develop new.npz --steady --json folder": "cannot write folder: it is a directory",
-    "train m --json folder": "cannot write folder: it is a directory",
     "mcu library --json folder": "cannot write folder: it is a directory",
     "run r --json folder": "cannot write folder: it is a directory",
     # Nothing is replaced unless it was asked for.
@@ -167,7 +160,6 @@ WITH_THE_PLANT = {
     "run r --plant openfoam": "needs OpenFOAM's icoFoam: install the Debian package `openfoam`",
     "run r --bundle damaged": "controller.onnx was altered",
     "run r --bundle unsigned --set operating_point.speed=20.0": "operating point",
-    "run file/out --bundle unsigned": "cannot write file/out",
     "mcu nowhere": "nowhere: No such file or directory",
     "picture a.png --sensors upper_99": "unknown sensor 'upper_99'",
     "picture a.png --state state0": "state0: not a flow state (damaged or not an NPZ file",
@@ -210,18 +202,6 @@ def test_a_wrong_call_is_explained(cli, place) -> None:
         assert outcome.code == 2, words
         assert named in outcome.err and "Traceback" not in outcome.err, (words, outcome.err)
     assert sorted(place.rglob("*")) == before
-
-
-def test_a_recording_that_does_not_fit_is_named(refused, place, random_release) -> None:
-    path = shutil.copy(RECORDING, place / "recording.h5")
-    for name, value, named in (
-        ("sensors", json.dumps(["base_0"]), "other sensors"),
-        ("schema", "stillwake-dataset/0", "this version reads 'stillwake-dataset/3'"),
-    ):
-        with h5py.File(path, "r+") as file:
-            file.attrs[name] = value
-        assert named in refused("train", "m", "--dataset", path)
-    assert named in refused("record", path, "--under", random_release)
 
 
 def test_a_signed_bundle_is_named_as_such(refused, place, sound) -> None:

@@ -13,18 +13,18 @@ rate's instant, and no other values of the flow.
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 
 from contract.arrays import Array, Index
 from contract.runtime.copies import CopiedWhole
 from wake.solver import kernels
 from wake.solver.boundary import GhostMap
+from wake.solver.compiled import compiled
 from wake.solver.grid import Flow
 from wake.solver.kernels import Domain, Pair, Spacing, advance_stage
 from wake.solver.navier_stokes import A, B, FlowSolver, gusting, stage_ends
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _across(dy: Array, dyc: Array, nu: float) -> tuple[Array, Array]:
     """Return coefficients along y: an array for u and an array for v. Coefficients of neighbours outside the domain are
     zero.
@@ -50,7 +50,7 @@ def _across(dy: Array, dyc: Array, nu: float) -> tuple[Array, Array]:
     return u, v
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled("contract")
 def back_rates(bar: Flow, gained: Pair[Array], u: Array, v: Array, nu: float, spacing: Spacing) -> None:
     """Propagate sensitivities from du/dt and dv/dt (`gained`, zero on faces that are not open) to u, v and p.
 
@@ -131,7 +131,7 @@ def back_rates(bar: Flow, gained: Pair[Array], u: Array, v: Array, nu: float, sp
             bv[k] += part[k] + beside - before * s0[k] - here * s1[k]
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _back_ghosts(flat: Array, ghosts: GhostMap) -> None:
     target, start, source, weight = ghosts.target, ghosts.start, ghosts.source, ghosts.weight
     for k in range(target.shape[0]):
@@ -141,14 +141,14 @@ def _back_ghosts(flat: Array, ghosts: GhostMap) -> None:
             flat[source[e]] += weight[e] * bar
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def back_walls(u: Array, v: Array, walls: Pair[GhostMap]) -> None:
     """Apply the transpose of `fill_walls`."""
     _back_ghosts(u.reshape(-1), walls.u)
     _back_ghosts(v.reshape(-1), walls.v)
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def back_edges(u: Array, v: Array) -> None:
     """Apply the transpose of `fill_edges`."""
     nx, ny = u.shape[0] - 2, u.shape[1] - 2
@@ -165,7 +165,7 @@ def back_edges(u: Array, v: Array) -> None:
         u[nx + 1, j + 1] = 0.0
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled("contract")
 def _back_step(q: Array, bar: Array, step: float, a: float, runs: Index, pad_i: int, pad_j: int) -> None:
     """Compute q = a q + step bar on the open faces. The result is the sensitivities to a stage's rates: `step bar` is
     the rates' effect through this stage's velocity, and `a q` is their effect through the next stage's rates."""
@@ -177,7 +177,7 @@ def _back_step(q: Array, bar: Array, step: float, a: float, runs: Index, pad_i: 
             qi[k] = a * qi[k] + step * bi[k]
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _back_stage(
     bar: Flow, slot_bar: Array, rates: Pair[Array], u: Array, v: Array, a_next: float, step: float, domain: Domain
 ) -> None:
@@ -194,7 +194,7 @@ def _back_stage(
     back_rates(bar, rates, u, v, domain.viscosity, domain.spacing)
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def back_stages(
     bar: Flow,
     slot_bar: Array,
@@ -235,7 +235,7 @@ def back_stages(
         u, v = (second.u, second.v) if k == 2 else (start.u, start.v)
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def back_divergence(bar_b: Array, u: Array, v: Array, dx: Array, dy: Array, runs: Index) -> None:
     """Apply the transpose of `divergence`."""
     for r in range(runs.shape[0]):
@@ -251,7 +251,7 @@ def back_divergence(bar_b: Array, u: Array, v: Array, dx: Array, dy: Array, runs
             vi[k] -= b[k] * width
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def back_correct(bar: Flow, phi: Array, dt: float, dxc: Array, dyc: Array, runs: Pair[Index]) -> None:
     """Apply the transpose of `correct`; phi is overwritten with the sensitivities to phi."""
     one = phi.dtype.type(1.0)

@@ -13,10 +13,10 @@ over j have no branch.
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
-from numba import njit
 
 from contract.arrays import Array, Index
 from wake.solver.boundary import GhostMap
+from wake.solver.compiled import compiled
 from wake.solver.grid import Flow
 
 T = TypeVar("T")
@@ -58,7 +58,7 @@ class Domain(NamedTuple):
     slot_rows: Index
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled("contract")
 def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """Compute q = a q + du/dt on the open u-faces, including the gradient of the pressure p.
 
@@ -98,7 +98,7 @@ def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
             qi[k] = a * qi[k] + along[k] + across
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled("contract")
 def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """Compute q = a q + dv/dt on the open v-faces, including the gradient of the pressure p. The loops are built as in
     `u_rate`."""
@@ -131,7 +131,7 @@ def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
             qi[k] = a * qi[k] + (along[k] + east) - west
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled("contract")
 def _add_scaled(field: Array, q: Array, scale: float, runs: Index, pad_i: int, pad_j: int) -> None:
     """Compute field += scale q on the open faces."""
     scale = field.dtype.type(scale)
@@ -142,7 +142,7 @@ def _add_scaled(field: Array, q: Array, scale: float, runs: Index, pad_i: int, p
             fi[k] += scale * qi[k]
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _fill_ghosts(flat: Array, ghosts: GhostMap) -> None:
     target, start, source, weight = ghosts.target, ghosts.start, ghosts.source, ghosts.weight
     for k in range(target.shape[0]):
@@ -152,7 +152,7 @@ def _fill_ghosts(flat: Array, ghosts: GhostMap) -> None:
         flat[target[k]] = total
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def fill_edges(u: Array, v: Array, inflow_v: Array) -> None:
     """Fill the padding: slip at the sides, the inflow of v at the inlet, and the outflow of u and v."""
     two = u.dtype.type(2.0)
@@ -167,14 +167,14 @@ def fill_edges(u: Array, v: Array, inflow_v: Array) -> None:
         v[nx + 1, j] = v[nx, j]
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def fill_walls(u: Array, v: Array, walls: Pair[GhostMap]) -> None:
     """Fill the ghosts so that the flow does not slip on the body."""
     _fill_ghosts(u.reshape(-1), walls.u)
     _fill_ghosts(v.reshape(-1), walls.v)
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def clear_walls(u: Array, v: Array, walls: Pair[GhostMap]) -> None:
     """Set the ghosts to zero, because they carry no flow in the mass balance."""
     u_flat, v_flat = u.reshape(-1), v.reshape(-1)
@@ -184,7 +184,7 @@ def clear_walls(u: Array, v: Array, walls: Pair[GhostMap]) -> None:
         v_flat[k] = 0.0
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _shift(field: Array, by: float, runs: Index, pad_i: int, pad_j: int) -> None:
     """Compute field += by on the open faces."""
     by = field.dtype.type(by)
@@ -194,7 +194,7 @@ def _shift(field: Array, by: float, runs: Index, pad_i: int, pad_j: int) -> None
             field[i, j] += by
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def advance_stage(
     flow: Flow,
     rates: Pair[Array],
@@ -226,7 +226,7 @@ def advance_stage(
     fill_walls(u, v, domain.walls)
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def stages(
     flow: Flow,
     rates: Pair[Array],
@@ -246,7 +246,7 @@ def stages(
         advance_stage(flow, rates, a[k], step[k], slot_velocity[k], wind[k], gained[k], domain)
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled("contract")
 def divergence(b: Array, u: Array, v: Array, dx: Array, dy: Array, runs: Index) -> None:
     """Set b to the net outflow of each fluid cell; b remains zero in solid cells."""
     for r in range(runs.shape[0]):
@@ -257,7 +257,7 @@ def divergence(b: Array, u: Array, v: Array, dx: Array, dy: Array, runs: Index) 
             bi[k] = (ue[k] - uw[k]) * height[k] + (vi[k + 1] - vi[k]) * width
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled("contract")
 def correct(flow: Flow, phi: Array, dt: float, dxc: Array, dyc: Array, runs: Pair[Index]) -> None:
     """Subtract grad phi from the open faces and the outlet, where phi = 0, and add phi / dt to the pressure."""
     u, v, p, u_runs, v_runs = flow.u, flow.v, flow.p, runs.u, runs.v

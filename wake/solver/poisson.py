@@ -23,10 +23,10 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from scipy.linalg import eigh_tridiagonal
 
 from contract.arrays import Array, Precision
+from wake.solver.compiled import compiled
 from wake.solver.grid import Grid
 
 Links = npt.NDArray[np.int64]
@@ -188,7 +188,7 @@ def _inverse(matrix: Array) -> Array:
     return matrix
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled("contract")
 def _tridiagonal(b: Array, pivot: Array, coupling: Array) -> None:
     """Solve the tridiagonal systems of all eigenvectors in place; b is (nx, h) in spectral space."""
     nx, h = b.shape
@@ -204,7 +204,7 @@ def _tridiagonal(b: Array, pivot: Array, coupling: Array) -> None:
             b[i, k] -= c * pivot[i, k] * b[i + 1, k]
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+@compiled("contract", "reassoc")
 def _gather(spectral: Array, links: Links, q: Array, out: Array) -> None:
     """Compute out = D^T phi for phi in spectral space."""
     h = q.shape[0]
@@ -216,7 +216,7 @@ def _gather(spectral: Array, links: Links, q: Array, out: Array) -> None:
         out[m] = total
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled("contract")
 def _scatter(spectral: Array, links: Links, y: Array, q: Array) -> None:
     """Add D y to a right-hand side in spectral space."""
     h = q.shape[0]
@@ -227,7 +227,7 @@ def _scatter(spectral: Array, links: Links, y: Array, q: Array) -> None:
             spectral[i1, k] -= y[m] * q[j1, k]
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled("contract")
 def _product(a: Array, b: Array, out: Array) -> None:
     """Compute out = a b for b (h, h), where h is a multiple of 4. The loop computes three rows of the result at a time,
     and adds four terms of their sums at once.
@@ -257,7 +257,7 @@ def _product(a: Array, b: Array, out: Array) -> None:
                 out[i, j] += a[i, k] * b[k, j]
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+@compiled("contract", "reassoc")
 def _times(matrix: Array, vector: Array, out: Array) -> None:
     """Compute out = -matrix vector."""
     for i in range(matrix.shape[0]):
@@ -267,7 +267,7 @@ def _times(matrix: Array, vector: Array, out: Array) -> None:
         out[i] = -total
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled("contract")
 def _solve_half(
     q: Array, qt: Array, pivot: Array, coupling: Array, links: Links, cap: Array,
     field: Array, rhs: Array, first: Array, jump: Array, against: Array,
@@ -286,7 +286,7 @@ def _solve_half(
     _product(rhs, qt, field)
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled("contract")
 def _split(b: Array, even: Array, odd: Array) -> None:
     """Compute the even and the odd part of b, on the lower half."""
     half = b.dtype.type(0.5)
@@ -302,7 +302,7 @@ def _split(b: Array, even: Array, odd: Array) -> None:
         even_i[h:] = odd_i[h:] = half * 0
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled("contract")
 def _join(even: Array, odd: Array, phi: Array) -> None:
     """Compute phi on the whole grid from its even and odd parts on the lower half."""
     nx, h, last = phi.shape[0], phi.shape[1] // 2, np.uintp(phi.shape[1] // 2 - 1)

@@ -240,7 +240,7 @@ def _print_summary(found: "Summary", log: "CanLog") -> None:
     several = len(found.busy_ns) > 1
     table = Table(box=SIMPLE_HEAD, padding=0)
     for name in (*(("channel",) if several else ()), "id", "message"):
-        table.add_column(name, overflow="fold")
+        table.add_column(name)
     for name in ("frames", "rate, 1/s", "first, s", "last, s", "lost"):
         table.add_column(name, justify="right")
     table.add_column("checks")

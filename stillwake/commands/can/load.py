@@ -54,8 +54,7 @@ def load(
 
 
 def figures(found: "BusLoad") -> dict[str, Any]:
-    """Return the figures for `--json`: loads as shares of the bus's time, and times in ms. A time without a bound is
-    None."""
+    """Return the figures for `--json`: loads as shares of the bus's time, times in ms, None where there is no bound."""
     return {
         "load_mean": found.mean,
         "load_worst": found.worst,
@@ -104,7 +103,7 @@ def _table(found: "BusLoad") -> Table:
     # A table without lines and edges, with one space between columns, fits into a terminal of 80 columns.
     table = Table(title="worst cases in ms; messages of stillwake in bold", box=SIMPLE_HEAD, padding=0, show_edge=False)
     for head in _HEADS:
-        table.add_column(head, justify="left" if head in ("message", "met") else "right", overflow="fold")
+        table.add_column(head, justify="left" if head in ("message", "met") else "right")
     for one in found.messages:
         message, response = one.message, one.response
         late = not response.in_time

@@ -87,8 +87,7 @@ def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
 
 
 def names_of(logs: Sequence[Path]) -> dict[Path, str]:
-    """Return the name of each log's episodes: the file name, or the folder and file name if two logs share the file
-    name."""
+    """Return the name of each log's episodes: the file name, with the folder if two logs share the file name."""
     from can_bridge.logs.log_reader import stem_of
 
     stems = [stem_of(log) for log in logs]

@@ -23,7 +23,6 @@ from stillwake.console.terminal import console
 if TYPE_CHECKING:
     from contract.recording.dataset import Dataset, Role
     from contract.recording.episode import PlantFacts
-    from contract.recording.importing.source_file import Reference
 
 _ROLES: Final = ("train", "test", "extended", "controlled")
 _SAME: Final = 0.02
@@ -95,7 +94,11 @@ def import_(
     from contract.recording.importing.source_file import references_of
 
     roles = roles_of(files or [])
-    _check_places(output, [*(path for path, _ in roles), layout], overwrite=overwrite)
+    for path in (*(path for path, _ in roles), layout):
+        if os.path.realpath(output) == os.path.realpath(path):
+            raise OutputError(f"{output}: is one of the files to read; give another name")
+    check_output(output, overwrite=overwrite)
+    check_dataset_name(output)
     references, renamed = references_of(reference), dict(shared.pairs(rename, "Cd=drag_coefficient"))
     logs = [path for path, _ in roles if is_log(path)]
     for path in logs:
@@ -131,14 +134,6 @@ def roles_of(texts: list[str]) -> "list[tuple[Path, Role]]":
     """Split the texts ROLE=FILE into files and roles, ordered by role."""
     found = [(Path(file), role) for role, file in shared.pairs(texts, "train=sweep.csv", _ROLES, repeated=True)]
     return [(path, cast("Role", role)) for path, role in sorted(found, key=lambda one: _ROLES.index(one[1]))]
-
-
-def _check_places(output: Path, read: list[Path], *, overwrite: bool) -> None:
-    for path in read:
-        if os.path.realpath(output) == os.path.realpath(path):
-            raise OutputError(f"{output}: is one of the files to read; give another name")
-    check_output(output, overwrite=overwrite)
-    check_dataset_name(output)
 
 
 def _facts(loaded: Loaded) -> "PlantFacts":
@@ -177,7 +172,11 @@ def _assembled(
             made, series, log = reader.read(
                 path, names[path], role, forces[path], partial(report, "reading", number, len(roles))
             )
-            _check_pressure(path, series.dynamic_pressure, reader.references.get("Cp"))
+            cp, own = reader.references.get("Cp"), series.dynamic_pressure
+            if cp is not None and cp.unit == "Pa" and abs(cp.number / own - 1.0) > _SAME:
+                raise ConfigError(
+                    f"{cp.option}: the pressures in {path} are divided by {own:g} Pa: correct one of these values"
+                )
             is_local |= log.is_local
             sources += made
             notes += drives.notes_on(series, log)
@@ -205,11 +204,3 @@ def _print(made: "Dataset", notes: list[str]) -> None:
     console.print(sensors_line(made.layout))
     for line in (*notes, *(f"note: {text}" for text in (*implausible(made), *asymmetry(made)))):
         console.print(line)
-
-
-def _check_pressure(log: Path, own: float, given: "Reference | None") -> None:
-    """Raise ConfigError if the reference pressure that the user gave contradicts the dynamic pressure in a log."""
-    if given is not None and given.unit == "Pa" and abs(given.number / own - 1.0) > _SAME:
-        raise ConfigError(
-            f"{given.option}: the pressures in {log} are divided by {own:g} Pa: correct one of these values"
-        )

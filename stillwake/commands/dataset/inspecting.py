@@ -104,7 +104,7 @@ def episodes_table(found: "Dataset") -> Table:
 
     numbers = ("steps", "t / t_c", "rms action", "mean Cd", "std Cl", "Cl peak, 1/t_c")
     width = min(20, max(len(item.name) for item in found.episodes))
-    names = (Column("episode", overflow="fold", min_width=width), "role")
+    names = (Column("episode", min_width=width), "role")
     table = Table(*names, *(Column(name, justify="right") for name in numbers), box=SIMPLE, padding=0)
     period = found.plant.control_period
     for item in found.episodes:

@@ -11,7 +11,7 @@ from contract.errors import ConfigError, KeyFileError
 from contract.release.checks import Bundle
 from stillwake.commands.diagnosis import asking
 from stillwake.console import options as shared
-from stillwake.console.progress import Report, progress, span
+from stillwake.console.progress import progress, span
 from stillwake.console.settings import TESTERS_BUS, settings, with_bus
 from stillwake.console.stopping import go_on_with
 from stillwake.console.terminal import console
@@ -130,7 +130,17 @@ def _bring_release(
         progress("bytes") as report,
         go_on_with(lambda: "the ECU keeps the received part; the same command continues there"),
     ):
-        shown = _Shown(report)
+        received: list[tuple[int, int]] = []
+
+        def show(done: int, length: int) -> None:
+            received[:] = [(done, length)]
+            report("flash", done, length)
+
+        def on_step(step: "Step") -> None:
+            # The note names the step that follows the transfer.
+            for done in received:
+                report("flash", *done, step.name.lower().replace("_", " "))
+
         flashed = flash_ecu(
             client,
             image,
@@ -138,8 +148,8 @@ def _bring_release(
             dry_run=dry_run,
             confirm=confirm,
             judge=judge,
-            progress=shown.progress,
-            on_step=shown.on_step,
+            progress=show,
+            on_step=on_step,
         )
     console.print(_ended(flashed, name) + _effort(flashed, len(image)))
 
@@ -156,22 +166,6 @@ def _ended(flashed: "Flashed", name: str) -> str:
         "without --no-confirm confirms it",
         End.CONFIRMED: f"{name} runs, and is confirmed",
     }[flashed.end]
-
-
-class _Shown:
-    """A display of the transfer's progress. The note names the step that follows the transfer."""
-
-    def __init__(self, report: Report) -> None:
-        self._report = report
-        self._received: tuple[int, int] | None = None
-
-    def progress(self, received: int, length: int) -> None:
-        self._received = received, length
-        self._report("flash", received, length)
-
-    def on_step(self, step: "Step") -> None:
-        if self._received is not None:
-            self._report("flash", *self._received, step.name.lower().replace("_", " "))
 
 
 def _running(facts: "EcuFacts") -> str:

@@ -1,6 +1,7 @@
 """Data sets in HDF5: what is written is read, what does not fit is refused by name, and rounds are added."""
 
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -244,6 +245,11 @@ def test_episodes_come_last_and_the_old_ones_keep_every_bit(written):
     with h5py.File(written, "r+") as file:
         as_schema_2(file)
     assert dataset.read(written).layout is sensors.TRUCK
+    spoilt = shutil.copy(written, written.with_name("few.h5"))
+    with h5py.File(spoilt, "r+") as file:
+        file.attrs["sensors"] = json.dumps(["base_0"])
+    with pytest.raises(DatasetError, match="recorded with other sensors"):
+        dataset.read(spoilt)
     append(written, [episode("d")], FACTS)
     with h5py.File(written) as file:
         assert file.attrs["schema"] == dataset.DATASET_SCHEMA

@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from contract.errors import LibraryError
-from ecu.in_c.compiler import compile_c, compiler_version, host_compiler
+from ecu.in_c.compiler import compile_c, compiler_version, host_compiler, zig_compiler
 
 
 @pytest.fixture
@@ -31,3 +31,12 @@ def test_a_complaint_is_quoted_and_a_compiler_that_is_missing_is_named(tmp_path,
         compile_c({"a.c": b"int main(void) { return x; }"}, tmp_path / "a", compiler=compiler, flags=())
     with pytest.raises(LibraryError, match="/nowhere/gcc: No such file"):
         compile_c({}, tmp_path / "a", compiler=["/nowhere/gcc"], flags=())
+
+
+@pytest.mark.skipif(zig_compiler() is None, reason="ziglang is not installed (extra mcu)")
+def test_ziglang_compiles_without_a_home(tmp_path, monkeypatch):
+    for name in ("HOME", "XDG_CACHE_HOME", "ZIG_GLOBAL_CACHE_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    source = b"int answer(void);\nint answer(void) { return 42; }\n"
+    compile_c({"a.c": source}, tmp_path / "a.o", compiler=zig_compiler() or [], flags=("-c",))
+    assert (tmp_path / "a.o").exists()

@@ -1,7 +1,9 @@
-"""`stillwake config` shows the settings that a call would have, and writes them as a file that gives them again."""
+"""`stillwake config` shows the settings that a call would have, and writes them as a file that gives them again; each
+command takes the settings that it uses."""
 
 import tomllib
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -9,6 +11,8 @@ from contract.config.listing import as_toml, sections, shown
 from contract.config.loading import from_tree, load_config, to_tree
 from contract.config.rules import HUGE, TINY
 from contract.config.tree import Config
+from contract.errors import ConfigError
+from stillwake.console.settings import settings
 from tests.examples import examples
 
 
@@ -80,3 +84,24 @@ def test_any_number_and_text_is_read_back_as_it_was(reynolds, channel, seed):
     read = tomllib.loads(as_toml(sections(config), base="paper"))
     assert read.pop("base") == "paper"
     assert from_tree(read) == config
+
+
+def test_a_setting_that_would_have_no_effect_is_refused():
+    with pytest.raises(ConfigError) as refused:
+        settings("develop", ["flow.substeps=40", "mpc.horizon=9"], uses=["flow", "bus"])
+    assert str(refused.value) == "--set mpc.horizon: `develop` does not use it; it uses bus, flow"
+    # A section whose name only begins alike is another.
+    with pytest.raises(ConfigError, match=r"--set model\.window"):
+        settings("x", ["model.window=3"], uses=["mod", "model.win"])
+    for used in ("mpc", "mpc.weights", "mpc.weights.lift"):
+        assert settings("export", ["mpc.weights.lift=0.5"], uses=[used]).config.mpc.weights.lift == 0.5
+
+
+def test_a_file_may_serve_several_commands(tmp_path, capsys):
+    path = tmp_path / "[mine].toml"
+    path.write_text("[mpc]\nhorizon = 9\n[flow]\nsubsteps = 40\n")
+    loaded = settings("develop", [str(path)], uses=["flow"])
+    assert loaded.config.flow.substeps == 40
+    with pytest.raises(ConfigError, match=r"--set other\.toml: is the second file"):
+        settings("develop", [str(path), "other.toml"], uses=["flow"])
+    assert capsys.readouterr().out == f"{path}: `develop` does not use mpc.horizon\n"

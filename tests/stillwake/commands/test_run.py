@@ -109,15 +109,9 @@ def test_weights_in_force_are_kept_with_the_run_which_is_reported_again(cli, tmp
     assert "holds a run: give another folder, or --overwrite to replace it" in cli(*call).err
     assert (folder / "series.npz").read_bytes() == before
     (folder / "report.html").unlink()
-    outputs = (word for suffix in ("svg", "csv") for word in ("--output", tmp_path / f"a.{suffix}"))
-    for reported in (cli("report", folder), cli("report", folder, *outputs)):
-        assert (reported.code, reported.err) == (0, "")
+    reported = cli("report", folder)
+    assert (reported.code, reported.err) == (0, "")
     assert (folder / "report.html").read_text() == page
-    assert len((tmp_path / "a.csv").read_text().splitlines()) == 12
-    shutil.copytree(folder, tmp_path / "again")
-    outcome = cli("report", folder, tmp_path / "again", "--output", tmp_path / "both.html")
-    assert (outcome.code, outcome.err) == (0, "")
-    assert "the same in all runs" in (tmp_path / "both.html").read_text()
 
 
 def test_what_cannot_be_reported_is_refused(all_refused, tmp_path):
@@ -138,19 +132,6 @@ def test_what_cannot_be_reported_is_refused(all_refused, tmp_path):
         "c.h5 --output x.csv": "c.h5: is a data set; name one data set, and --output FILE.nc",
     }
     all_refused("report", rows)
-
-
-@pytest.mark.slow
-def test_a_fault_comes_first_is_kept_and_ends_with_status_3(cli, tmp_path, short_release, coarse):
-    late = ["--set", "ecu.compute_time_ms=25"]
-    outcome = cli("run", tmp_path / "run", "--bundle", short_release, *QUICK, *late, *coarse.words)
-    assert (outcome.code, outcome.err) == (3, "")
-    # Late in the lead-in already, so it is latched when control is requested.
-    assert "ECU FAULT: DEADLINE at t = 1.2 t_c, 0 periods after enable" in outcome.out
-    found = json.loads((tmp_path / "run" / "summary.json").read_text())
-    assert found["fault"]["reason"] == "DEADLINE"
-    assert found["counters"]["overruns"] > 0
-    assert 'role="alert">ECU FAULT: DEADLINE' in (tmp_path / "run" / "report.html").read_text()
 
 
 @pytest.mark.slow
@@ -180,7 +161,8 @@ def test_a_run_with_faults_on_the_bus_is_known_as_one(cli, tmp_path, short_relea
     # of eleven periods: a command and a status each, twice.
     assert found["injected_faults"] == [{"text": faults[0], "acted": 8 + 16}, {"text": faults[1], "acted": 22}]
     assert found["fault_seed"] == 7
-    assert headline in (tmp_path / "r\udcff" / "report.html").read_text()
+    page = (tmp_path / "r\udcff" / "report.html").read_text()
+    assert headline in page and 'role="alert">ECU FAULT: ' in page
 
 
 def test_a_reduction_that_is_not_reached_ends_with_status_4(run_metadata, capsys):

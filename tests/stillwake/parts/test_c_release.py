@@ -1,16 +1,13 @@
-"""The ECU in C as an export writes it: what it is made of, what it says it goes without, and that it compiles."""
+"""The ECU in C as an export writes it: what it is made of, and what it says it goes without."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from contract.config.tree import Config
-from contract.controller.c_folder import ECU_SETTINGS, library_sources, write_folder
+from contract.controller.c_folder import ECU_SETTINGS
 from contract.release.bundle import load
 from contract.shipped import BUNDLE
-from examples.c_samples import MODEL, MPC
-from examples.random_programs import random_program
-from export.to_c.library import c_library
 from stillwake.parts import c_release
 from stillwake.parts.c_release import ecu_files
 
@@ -36,13 +33,3 @@ def test_what_c_cannot_do_leaves_the_control_step_alone_and_is_said(random_relea
     assert ecu_files(load(random_release), ROWS, config=other, notice=lines.append) == {}
     assert "no ECU in C" in lines[-1]
     assert "operating point" in lines[-1]
-
-
-def test_examples_are_written_below_the_library_and_not_compiled_into_it(tmp_path, random_release):
-    found = ecu_files(load(random_release), ROWS, config=Config(), notice=lambda line: None)
-    library = c_library(random_program(0, model=MODEL, mpc=MPC))
-    write_folder(tmp_path / "c", library | found)
-    examples = {name for name in found if name.startswith("examples/")}
-    assert {item.relative_to(tmp_path / "c").as_posix() for item in (tmp_path / "c" / "examples").iterdir()} == examples
-    assert examples
-    assert not examples & set(library_sources(found))

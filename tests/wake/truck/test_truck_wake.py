@@ -42,7 +42,8 @@ def test_a_copy_or_a_restart_within_a_period_is_a_plant_of_its_own(coarse, tmp_p
         wake.wind = Drive(name="faster", times=(0.0, 0.1), speeds=(25.0, 30.0)).wind(OperatingPoint(), wake.t)
         wake.advance_to(5, 0.05)
         stood = wake.flow.flat.copy()
-        compiled = len(poisson._solve_half.signatures)
+        solve_half: Any = poisson._solve_half
+        compiled = len(solve_half.signatures)
         save_state(tmp_path / "state.npz", wake.state())
         restarted = TruckWake(coarse.flow)
         restarted.reset(load_state(tmp_path / "state.npz"))
@@ -58,7 +59,7 @@ def test_a_copy_or_a_restart_within_a_period_is_a_plant_of_its_own(coarse, tmp_p
         for one in copies:
             np.testing.assert_array_equal(one.flow.flat, wake.flow.flat)
             np.testing.assert_array_equal(one.sample().Cp, sample.Cp)
-        assert len(poisson._solve_half.signatures) == compiled
+        assert len(solve_half.signatures) == compiled
 
 
 def test_the_number_of_threads_changes_no_bit_and_is_left_alone(coarse):
