@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import can
-import pytest
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.interface import BusState
@@ -52,12 +51,6 @@ def test_a_serial_adapter_that_is_pulled_out_and_plugged_in_again(tmp_path: Path
         wait_for(lambda: len(heard) == 2)
         assert connection.send([FRAME])
         connection.__exit__(None, None, None)
-
-
-def test_a_bus_that_cannot_be_opened_at_the_start_is_an_error():
-    connection = Connection(lambda: PythonCanBus.open(BusConfig(interface="socketcan", channel="no0")), print)
-    with pytest.raises(BusError, match="socketcan 'no0'"), connection:
-        pass
 
 
 def test_a_loss_that_another_thread_finds_during_a_send_is_no_error():

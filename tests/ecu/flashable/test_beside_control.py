@@ -88,6 +88,10 @@ def test_a_reset_waits_for_a_period_that_shuts_the_jets(rig: Rig) -> None:
     assert (rig.ecu.resets, rig.commands[-1].enable) == (0, True)
     rig.run(2 * rig.config.period_ns // MS)
     assert rig.ecu.resets == 1 and not rig.commands[-1].enable
+    # The request that is set does not count for the new power cycle.
+    rig.commands.clear()
+    rig.run(500)
+    assert not any(command.enable for command in rig.commands)
 
 
 def test_no_programming_while_the_jets_may_run(rig: Rig) -> None:
@@ -135,21 +139,6 @@ def test_only_a_reset_leads_out_of_update(rig: Rig) -> None:
     # It is allowed though control is asked for.
     rig.reset()
     rig.into_control()
-
-
-def test_a_reset_shuts_jets_that_run(rig: Rig) -> None:
-    rig.run_asking(False, 100)
-    rig.programming()
-    rig.run_asking(True, 2000)
-    assert rig.commands[-1].enable
-    # A tester's is refused by now; one that was answered before the request came is not.
-    rig.ecu._ask_for_reset()
-    rig.run(100)
-    assert rig.ecu.resets == 1
-    # The request that is set does not count for the new power cycle.
-    rig.commands.clear()
-    rig.run(500)
-    assert not any(command.enable for command in rig.commands)
 
 
 LOST = CODES[Reason.STREAM_LOST].to_bytes(3, "big")
