@@ -172,9 +172,7 @@ class PythonCanBus(OpenBus):
 
     def send(self, frame: Frame, *, timeout_s: float = 0.005) -> None:
         """Send one frame. Raises BusError if the bus failed, if it does not accept the frame in time, or for a CAN FD
-        frame on a classic bus; ValueError for a negative timeout."""
-        if timeout_s < 0:
-            raise ValueError(f"timeout_s = {timeout_s}: must not be negative")
+        frame on a classic bus."""
         if frame.is_fd and self._is_classic:
             raise BusError(f"frame {frame.frame_id:#05x} was not sent: it is CAN FD, and bus.frames = classic")
         self._send(to_message(frame), f"{frame.frame_id:#05x}", timeout_s)

@@ -72,4 +72,3 @@ def test_an_arrival_is_expected_after_enough_have_been_seen_and_a_few_late_frame
         arrivals = arrivals.seen(number * PERIOD + (9_000_000 if number % 3 == 0 else 0))
     assert arrivals.expected_ns is not None
     assert arrivals.expected_ns % PERIOD == 0
-    assert arrivals.forgotten().expected_ns is None
