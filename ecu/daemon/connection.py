@@ -45,7 +45,7 @@ class Connection:
         first_pause_s: float = FIRST_PAUSE_S,
     ) -> None:
         self._open, self._deliver, self._first_pause_s = open_bus, deliver, first_pause_s
-        self._bus: _Read | None = None
+        self._bus: ReceiveThread | None = None
         self._opened = deque[PythonCanBus]()  # filled by the opener, with one bus at most
         self._opener: Thread | None = None
         self._closing = Event()
@@ -57,7 +57,7 @@ class Connection:
         self.why_not_sent = ""
 
     def __enter__(self) -> Self:
-        self._bus = _Read(self._open(), self._deliver)
+        self._bus = ReceiveThread(self._open(), self._deliver).__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -76,12 +76,12 @@ class Connection:
         if self._bus is None:
             if not self._opened:
                 return False
-            self._bus = _Read(self._opened.pop(), self._deliver)
+            self._bus = ReceiveThread(self._opened.pop(), self._deliver).__enter__()
             after_s = time.monotonic() - self._lost_at_s
             again = "for control, the enable request must rise again"
             tell("bus_back", f"bus open again after {after_s:.1f} s; {again}", after_s=after_s)
             return True
-        if (fault := self._bus.receiver.fault) is not None:
+        if (fault := self._bus.fault) is not None:
             tell("bus_lost", f"bus lost, jets shut, reopening the bus: {fault}", why=str(fault))
             self._lose(self._bus)
         return False
@@ -118,8 +118,9 @@ class Connection:
             return str(error)
         return ""
 
-    def _lose(self, read: "_Read") -> None:
-        self._before = replace(self.health(), bus_off=self.health().bus_off + 1)
+    def _lose(self, read: ReceiveThread) -> None:
+        health = self.health()
+        self._before = replace(health, bus_off=health.bus_off + 1)
         self._health = replace(self._before, state=BusState.BUS_OFF)
         self._bus = None
         self._lost_at_s = time.monotonic()
@@ -127,7 +128,7 @@ class Connection:
         self._opener = Thread(target=self._reopen, args=(read,), name="can-open", daemon=True)
         self._opener.start()
 
-    def _reopen(self, lost: "_Read") -> None:
+    def _reopen(self, lost: ReceiveThread) -> None:
         step_back()
         lost.close()
         pause_s = self._first_pause_s
@@ -138,15 +139,3 @@ class Connection:
                 pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
             else:
                 return
-
-
-class _Read:
-    """An open bus with the thread that reads it."""
-
-    def __init__(self, bus: PythonCanBus, deliver: Callable[[Frame], None]) -> None:
-        self.bus = bus
-        self.receiver = ReceiveThread(bus, deliver).__enter__()
-
-    def close(self) -> None:
-        self.receiver.__exit__(None, None, None)
-        self.bus.close()

@@ -237,11 +237,11 @@ POLL_S: Final = 0.05
 
 
 class ReceiveThread:
-    """A thread that reads a bus in its `with` block; close the bus afterwards. `fault` is the error that ended it."""
+    """A thread that reads `bus` in its `with` block, or until `close`. `fault` is the error that ended it."""
 
     def __init__(self, bus: PythonCanBus, deliver: Callable[[Frame], None]) -> None:
         """Prepare the thread, which calls `deliver` with each frame; `deliver` must return without waiting."""
-        self._bus = bus
+        self.bus = bus
         self._deliver = deliver
         self._stop = Event()
         self._thread = Thread(target=self._run, name="can-receive", daemon=True)
@@ -260,10 +260,15 @@ class ReceiveThread:
         self._stop.set()
         self._thread.join()
 
+    def close(self) -> None:
+        """Stop the thread and close the bus."""
+        self.__exit__()
+        self.bus.close()
+
     def _run(self) -> None:
         try:
             while not self._stop.is_set():
-                if (frame := self._bus.receive(POLL_S)) is not None:
+                if (frame := self.bus.receive(POLL_S)) is not None:
                     self._deliver(frame)
         except BaseException as error:  # noqa: BLE001 - an error that ends a thread is lost unless it is stored
             self.fault = error
