@@ -209,10 +209,8 @@ void sw_faults_after(sw_faults *faults, int64_t now_ns)
     const int is_first = !faults->has_power_on;
     if (is_first) faults->power_on_ns = now_ns;
     faults->has_power_on = 1;
-    /* If control begins again and its first step fails, a fault ends and another one begins in the same period. Only
-       then the period has usable pressures (no miss), but none of them counts as good. */
-    const int fails_again =
-        fail_safe->reason == SW_REASON_INTERNAL && fail_safe->misses == 0u && fail_safe->good == 0u;
+    /* A fault ends and begins in one period if control begins again and its first step fails: see FaultWatch.seen. */
+    const int fails_again = fail_safe->reason == SW_REASON_INTERNAL && fail_safe->misses + fail_safe->good == 0u;
     if (fail_safe->mode == faults->was && !is_first && !fails_again) return;
     if (fail_safe->mode == SW_CONTROL) {
         note(faults, SW_REASON_NONE);
