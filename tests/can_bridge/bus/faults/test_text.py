@@ -36,7 +36,6 @@ def test_what_is_no_fault_is_refused_with_the_remedy():
         ("dorp@1..", r"fault 'dorp@1\.\.': no fault 'dorp'; there are drop, burst_loss, .*clock_drift"),
         ("burst_loss@1..", r"fault 'burst_loss@1\.\.': burst_loss needs loss, mean_burst$"),
         ("drop:rate=1", r"'rate=1' must be NAME=VALUE with a name of frame_ids, at, probability"),
-        ("drop:start_s=1,probability=1", r"'start_s=1' must be NAME=VALUE"),
         ("drop:probability=0.1,probability=1", r"probability is given twice$"),
         ("drop:probability=much", r"probability = 'much' must be a number"),
         ("flip_bits:bits=1.5", r"bits = '1\.5' must be a whole number"),
@@ -47,10 +46,8 @@ def test_what_is_no_fault_is_refused_with_the_remedy():
         ("disconnect@a..b", r"'a\.\.b' must be START\.\.END in seconds"),
         ("drop:probability=nan", r"drop\.probability = nan: must be in \[0, 1\]"),
         ("burst_loss:loss=0.9,mean_burst=2", r"burst_loss\.loss = 0\.9: must be at most 0\.666667"),
-        ("babble:length=9", r"babble\.length = 9: must be one of 0, 1, 2"),
         ("babble:length=9,is_fd=true", r"babble\.length = 9: must be one of .* 12, 16"),
         ("clock_drift:ppm=-1e6", r"clock_drift\.ppm = -1000000\.0: must be above"),
-        ("clock_drift:offset_s=inf", r"clock_drift\.offset_s = inf: must be finite"),
         ("slow_consumer:queue=0", r"slow_consumer\.queue = 0: must be at least 1"),
         ("disconnect@9..5", r"disconnect\.end_s = 5\.0: must be in 9\.0\.\.1e\+12"),
     ]:
