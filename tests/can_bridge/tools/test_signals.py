@@ -97,8 +97,11 @@ def test_refused_in_one_line():
         ("Pressure", "Pressure0=nan", "Pressure cannot be sent"),
         ("Pressure", "Pressure0=3276.8", r"smaller than or equal to 3276.7"),
         ("Pressure", "Age=inf", "cannot be sent"),
+        ("VehicleSpeed", "Pressure0=INVALID", "must be SIGNAL=VALUE; signals: AirDensity"),
         ("JetCommand", "Mode=FAUL", "must be a number, or one of FAULT, DECAY"),
+        ("JetCommand", "Mode=6", "smaller than or equal to 5"),
         ("JetCommand", "Mode=1.5", "must be a whole number"),
+        ("EcuStatusClassic", "Missed=64", "smaller than or equal to 63"),
     ]:
         with refused(BusError, words) as caught:
             encode(name, [assignment] if assignment else [])
