@@ -1,18 +1,8 @@
 """The check whether control helps: it compares the pressures under control with the pressures while the jets were shut.
 
-A controller made for another speed, another body or another delay can raise the drag although every frame and every
-pressure is valid. Two quantities, averaged over two shedding cycles, show this. The suction on the base falls where
-control helps. The pressure difference between mirrored sensors grows where control only deflects the wake. The values
-without control are measured on the vehicle itself, whenever the jets have been shut for long enough. The speed, and
-with it the wake, may have changed since that measurement. So the values of each period are divided by the values of the
-release's own wake without jets at the speed of that period. After power-on the vehicle's measurement cannot be trusted
-yet: it is unknown how long the jets had been shut, and a reset under control leaves a calmed wake. Until the vehicle
-has measured for long enough, the check uses the larger of the measured value and the release's value.
-
-If control does not help for a shedding cycle, the check only suspects a fault, because it compares with an earlier
-time, and the speed may be wrong. So the ECU begins a test: it shuts the jets and measures the wake without control at
-this speed. Control continues if that wake is worse, or if the speed changes. Otherwise the fault latches when the tests
-together have taken `BenefitCheck.patience` periods. A new request for control ends the fault.
+docs/explanation/what-shuts-the-jets.md explains both quantities, the test of a suspicion, and when the fault latches.
+The speed, and with it the wake, may have changed since the wake without control was measured. So the values of each
+period are divided by the values of the release's own wake without jets at the speed of that period.
 """
 
 from dataclasses import dataclass, replace

@@ -37,15 +37,12 @@ class EcuState:
     """The state after a control period; times are on the clock of frame timestamps.
 
     Attributes:
-        memory: window, plan and sent actions not yet in force.
         pressures, verifier: states of the Pressure message's receiver and authentication.
-        commands, statuses: states of the senders of JetCommand and EcuStatus.
         pressure_ns: sampling time of the latest usable pressures, in ns; None before the first.
         pressure_counter: counter of the frame with these pressures; None before the first.
         overruns: number of whole control periods left out since power-on.
         missed: number of steps without usable pressures since power-on.
         speed: state of the reception of the vehicle's speed; as at power-on if the release does not need the speed.
-        health: health of the CAN controller in the latest step.
         freshness: freshness values for the next JetCommand and the next EcuStatus.
     """
 

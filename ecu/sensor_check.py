@@ -1,26 +1,13 @@
 """The check of the sensors: each pressure is compared with its prediction from the other pressures.
 
-Transducers fail without an error message: they get stuck, read zero, drift, or are exchanged when plugged in, while all
-frames are valid. A network of the bundle estimates each pressure from the window of the other pressures
-(`contract.controller.estimator`). The residual is the pressure minus this estimate. The residuals decide between three
-hypotheses:
-
-* one sensor reads wrongly: its reading is far from the estimate by the other sensors, which agree with each other
-  without it. The sensor is set aside: until the ECU is restarted, an estimate replaces the reading, and no estimate
-  depends on the reading;
-* two sensors are exchanged: with their readings swapped, all sensors agree far better. The jets are shut, and the fault
-  latches;
-* the pressures disagree, either over one shedding cycle or in the mean of two cycles, and neither of the other
-  hypotheses explains the disagreement. The jets are shut, and the fault latches.
+A network of the bundle estimates each pressure from the window of the other pressures
+(`contract.controller.estimator`). The residual is the pressure minus this estimate.
+docs/explanation/what-shuts-the-jets.md lists the hypotheses between which the residuals decide, and what follows.
 
 Averages of the residuals over a few periods preserve slow changes and have less noise. These averages are squared,
 and the squares are averaged over a shedding cycle. Noise, unlike a sensor fault, changes from one period to the next.
 So the differences between consecutive residuals show how much noise remains in the averages, and the limits rise with
 this noise. Noise on all sensors, which the controller tolerates, is therefore no fault.
-
-If two sensors have nearly equal readings over a whole window, and the readings vary in this window, one sensor is a
-copy of the other, for example because of a broken multiplexer. Then the jets are shut. A sensor with a constant reading
-is stuck if the other sensors show that there is a flow: on a vehicle at rest all pressures are constant.
 """
 
 from dataclasses import dataclass, replace

@@ -15,41 +15,32 @@ class SteppedEcu(Protocol):
     """An ECU with the same methods as `ecu.ecu.Ecu`, which documents them."""
 
     @property
-    def state(self) -> EcuState:
-        """The state after the latest step."""
+    def state(self) -> EcuState: ...
 
     @property
-    def trace(self) -> Trace:
-        """The trace of the latest step."""
+    def trace(self) -> Trace: ...
 
     @property
-    def frames_rejected(self) -> int:
-        """The number of received pressure frames that were not accepted."""
+    def frames_rejected(self) -> int: ...
 
-    def restore(self, state: EcuState) -> None:
-        """Continue from a state of an ECU with the same release and settings."""
+    def restore(self, state: EcuState) -> None: ...
 
-    def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = ...) -> list[Frame]:
-        """Do one control period and return the frames to be sent."""
+    def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = ...) -> list[Frame]: ...
 
-    def status(self) -> EcuStatus:
-        """Return the health counters after the latest step."""
+    def status(self) -> EcuStatus: ...
 
 
 class CalibratedEcu(SteppedEcu, Protocol):
     """An ECU that runs a release, and whose cost weights and bounds can be changed between two steps."""
 
     @property
-    def calibration(self) -> Calibration:
-        """The values in force."""
+    def calibration(self) -> Calibration: ...
 
-    def calibrate(self, calibration: Calibration) -> None:
-        """Put other values in force from the next step on; raises ConfigError for a value out of its limits."""
+    def calibrate(self, calibration: Calibration) -> None: ...
 
     def step(
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = ..., **around: Unpack[Surroundings]
-    ) -> list[Frame]:
-        """Do one control period under these external conditions."""
+    ) -> list[Frame]: ...
 
 
 @dataclass(frozen=True, kw_only=True)

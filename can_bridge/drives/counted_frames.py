@@ -76,12 +76,8 @@ def without_repeats(frames: Sequence[CountedFrame], within_s: float) -> list[Cou
 def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> tuple[list[FrameStretch], int, int]:
     """Return the stretches of one message in the order of time, the number of repeated frames, and the number of
     misplaced frames. The counter of a misplaced frame fits neither the frames before it nor the frames after it.
-
-    Args:
-        frames: frames in the order of reception.
-        period_s: the sender's period on the log's clock in s, known to a few per cent.
-        modulus: number of frames after which the counter wraps.
-    """
+    `period_s` is the sender's period on the log's clock in s, known to a few per cent; the counter wraps after
+    `modulus` frames."""
     once = without_repeats(frames, SLACK * period_s)
     parts = _parts(once, period_s, modulus)
     # Misplaced frames are removed first: the frames before and after them may belong to one stretch.

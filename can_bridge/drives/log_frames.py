@@ -24,7 +24,7 @@ class LogFrames:
     """The frames of our messages in a log.
 
     Attributes:
-        channel: the only channel with valid frames of our messages; empty if the log has no channels.
+        channel: the channel with our frames; empty if the log has no channels.
         pressures, commands, speeds: frames with a valid CRC, in the log's order; with a key, only authentic and
             fresh frames.
         damaged: number of frames of these three messages with a wrong CRC or length.
@@ -51,14 +51,9 @@ def frames_of(
     back_s: float,
 ) -> LogFrames:
     """Sort a log's messages by their kind. Raises DatasetError if no pressure or no command has a valid CRC, the
-    pressures belong to two message sets, our frames are on two channels, or times decrease.
-
-    Args:
-        path: file of the log, for error messages.
-        only: the message set to read; by default, the set of the pressures in the log.
-        key: key of secured messages; without it, freshness and authentication codes are not checked.
-        back_s: largest permitted decrease of the times in s, from the latest time so far to a message's time.
-    """
+    pressures belong to two message sets, our frames are on two channels, or a time is more than `back_s` below the
+    latest time before it. `only` is the message set to read; by default, the set of the pressures in the log. Without
+    `key`, freshness and authentication codes are not checked."""
     buses: dict[str, _Bus] = {}
     others = Counter[str]()
     sets = SETS if only is None else (only,)

@@ -97,15 +97,8 @@ def series_of(
     key: Key | None = None,
 ) -> LogSeries:
     """Return a drive's series. Raises DatasetError if the log lacks data, has a wrong period, or has a gap above `fill`
-    while `split` is false.
-
-    Args:
-        path: file of the log, for error messages.
-        fill: longest gap that is filled, in control periods.
-        split: whether a longer gap divides the drive into two pieces; otherwise such a gap raises an error.
-        sensors: names of the pressures, for the report.
-        only, key: see `frames_of`.
-    """
+    while `split` is false; otherwise such a gap divides the drive. `fill` is the longest gap that is filled, in control
+    periods. For `only` and `key` see `frames_of`."""
     log = frames_of(path, messages, only=only, key=key, back_s=scales.period_s)
     modulus, command_modulus = (
         profile_of(one.spec).counter_period for one in (log.messages.pressure, log.messages.command)

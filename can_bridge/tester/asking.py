@@ -10,6 +10,7 @@ from can_bridge.flashing.access_level import Level
 from can_bridge.tester.messages import AccessError, NoAnswerError, RefusedError, in_good_state
 from can_bridge.uds.fault_codes import SNAPSHOT_FORMATS
 from can_bridge.uds.services import Did, Nrc, Routine, Session
+from contract.errors import FlashError
 
 if TYPE_CHECKING:
     from udsoncan.client import Client
@@ -64,6 +65,16 @@ class Asking:
             f"read {did.name.lower()}", lambda: self._client.read_data_by_identifier(int(did)), times=times
         )
         return bytes(found.service_data.values[int(did)])
+
+    def number(self, did: Did, size: int) -> int:
+        """Read a number of `size` bytes; raises FlashError if the ECU states another length."""
+        raw = self.read(did)
+        if len(raw) != size:
+            raise FlashError(
+                f"the ECU's {did.name.lower()} has {len(raw)} bytes, must have {size}: it has another version of "
+                "stillwake, or is another ECU"
+            )
+        return int.from_bytes(raw, "big")
 
     def write(self, did: Did, value: bytes) -> None:
         self._ask(f"write {did.name.lower()}", lambda: self._client.write_data_by_identifier(int(did), value))

@@ -33,14 +33,15 @@ class EcuFacts:
 
 
 def read_facts(asking: Asking) -> EcuFacts:
-    """Read all properties. Raises RefusedError if the ECU lacks a property; BusError for a damaged report."""
+    """Read all properties. Raises RefusedError if the ECU lacks a property; FlashError for a number of
+    another length; BusError for a damaged report."""
     return EcuFacts(
         hardware=_text(asking, Did.HARDWARE),
         serial_number=_text(asking, Did.SERIAL_NUMBER),
         software_version=_text(asking, Did.SOFTWARE_VERSION),
         dbc_sha256=asking.read(Did.DBC_SHA256).hex(),
-        period_ns=int.from_bytes(asking.read(Did.PERIOD_NS), "big"),
-        capacity=int.from_bytes(asking.read(Did.CAPACITY), "big"),
+        period_ns=asking.number(Did.PERIOD_NS, 8),
+        capacity=asking.number(Did.CAPACITY, 4),
         store=read_store(asking),
     )
 

@@ -209,4 +209,4 @@ def bring(asking: Asking, raw: bytes, *, is_again: bool = False) -> tuple[int, i
 
 
 def _version(asking: Asking) -> int:
-    return int.from_bytes(asking.read(Did.KEY_LIST), "big")
+    return asking.number(Did.KEY_LIST, 4)

@@ -1,13 +1,10 @@
 """The load of a bus, and worst-case response times of its messages if there are no errors.
 
-The source is Davis, Burns, Bril and Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted, revisited
-and revised", Real-Time Systems 35 (2007), section 3. A frame cannot be interrupted, so a message waits for at most one
-frame of lower priority (blocking, B), and for every frame of higher priority that is queued before the message is sent.
-If all messages are queued at the same instant, the slowest frame of a message need not be the first frame after this
-instant, so the analysis examines every frame in the busy period of the message's priority.
-
-The analysis holds if each node always offers its most urgent frame and queues the frames of one message in order, no
-frame is sent twice, and messages keep their periods and jitters. Phases do not matter.
+docs/explanation/simulated-bus.md names the source, section 3 of which has the equations, and their assumptions. A frame
+cannot be interrupted, so a message waits for at most one frame of lower priority (blocking, B), and for every frame of
+higher priority that is queued before the message is sent. If all messages are queued at the same instant, the slowest
+frame of a message need not be the first frame after this instant, so the analysis examines every frame in the busy
+period of the message's priority.
 
 With CAN FD the same equations hold: a node loses in the arbitration phase, which has the nominal bit rate, and then
 waits for one whole frame. A frame of higher priority can still win if it is queued at most one nominal bit after the

@@ -71,13 +71,9 @@ def write_measurement(
     """Write frames and channels, completely or not at all. Return the numbers of our frames that have no channels, by
     name.
 
-    Raises StillwakeError as `check_measurement` does, and for times before 0 in an `.mcap` file.
-
-    Args:
-        messages: messages in any order; they are written in the order of their times.
-        more: groups of channels whose values are not from frames.
-        events, facts: see `can_bridge.logs.mcap_file.write_mcap`; they are only written to an `.mcap` file.
-    """
+    The messages may be in any order; they are written in the order of their times. `more` are groups of channels whose
+    values are not from frames. Only an `.mcap` file gets `events` and `facts` (`can_bridge.logs.mcap_file.write_mcap`).
+    Raises StillwakeError as `check_measurement` does, and for times before 0 in an `.mcap` file."""
     check_measurement(path)
     listed = sorted(messages, key=lambda one: one.timestamp)  # in a log of several buses a time may go back
     groups, skipped = groups_of(listed)

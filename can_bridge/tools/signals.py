@@ -79,66 +79,46 @@ def decode(frame: Frame) -> Decoded | None:
 
 def _signals(value: Pressure | VehicleSpeed | JetCommand | EcuStatus, spec: MessageSpec) -> Iterator[SignalValue]:
     match value:
+        case Pressure() if spec.is_fd:
+            yield from (SignalValue(f"Valid{i}", int(valid)) for i, valid in enumerate(value.valid))
+            yield SignalValue("EnableRequest", int(value.enable_request))
+            yield from (SignalValue(f"Pressure{i}", pressure, "Pa") for i, pressure in enumerate(value.pressure_pa))
+            yield SignalValue("Age", value.age_ns / 1e6, "ms")
         case Pressure():
-            return _of_pressure(value) if spec.is_fd else _of_classic_pressure(value)
+            yield SignalValue("EnableRequest", int(value.enable_request))
+            yield SignalValue("Age", STALE_MS if value.age_ns == STALE_NS else value.age_ns / 1e6, "ms")
+            for i, (pressure, valid) in enumerate(zip(value.pressure_pa, value.valid, strict=True)):
+                yield _or_word(f"Pressure{i}", pressure if valid else None, "Pa", INVALID_PA, "INVALID")
         case VehicleSpeed():
-            return _of_speed(value)
+            yield _or_word("AirDensity", value.density_kg_per_m3, "kg/m3", specs.DENSITY_UNKNOWN, "NOT_KNOWN")
+            yield _or_word("Speed", value.speed_m_per_s, "m/s", NO_SPEED, "NOT_AVAILABLE")
+            yield SignalValue("Age", value.age_ns / 1e6, "ms")
         case JetCommand():
-            return _of_command(value)
-    return _of_status(value, spec.is_fd)
-
-
-def _of_pressure(value: Pressure) -> Iterator[SignalValue]:
-    yield from (SignalValue(f"Valid{i}", int(valid)) for i, valid in enumerate(value.valid))
-    yield SignalValue("EnableRequest", int(value.enable_request))
-    yield from (SignalValue(f"Pressure{i}", pressure, "Pa") for i, pressure in enumerate(value.pressure_pa))
-    yield SignalValue("Age", value.age_ns / 1e6, "ms")
-
-
-def _of_classic_pressure(value: Pressure) -> Iterator[SignalValue]:
-    yield SignalValue("EnableRequest", int(value.enable_request))
-    yield SignalValue("Age", STALE_MS if value.age_ns == STALE_NS else value.age_ns / 1e6, "ms")
-    for i, (pressure, valid) in enumerate(zip(value.pressure_pa, value.valid, strict=True)):
-        yield _or_word(f"Pressure{i}", pressure if valid else None, "Pa", INVALID_PA, "INVALID")
-
-
-def _of_speed(value: VehicleSpeed) -> Iterator[SignalValue]:
-    yield _or_word("AirDensity", value.density_kg_per_m3, "kg/m3", specs.DENSITY_UNKNOWN, "NOT_KNOWN")
-    yield _or_word("Speed", value.speed_m_per_s, "m/s", NO_SPEED, "NOT_AVAILABLE")
-    yield SignalValue("Age", value.age_ns / 1e6, "ms")
+            yield SignalValue("Mode", int(value.mode), text=value.mode.name)
+            yield SignalValue("Enable", int(value.enable))
+            yield SignalValue("PressureCounterValid", int(value.pressure_counter is not None))
+            yield SignalValue("NextPeriod", int(value.next_period))
+            yield SignalValue("Flow", value.flow_m2_per_s, "m2/s")
+            yield SignalValue("PressureCounter", value.pressure_counter or 0)
+        case EcuStatus():
+            yield SignalValue("State", int(value.state), text=value.state.name)
+            yield SignalValue("Reason", int(value.reason), text=value.reason.name)
+            names = ("BusOff", "Overruns", "Missed", "CrcErrors")
+            counts = (value.bus_off, value.overruns, value.missed, value.crc_errors)
+            yield from map(SignalValue, names, counts)
+            if not spec.is_fd:
+                yield SignalValue("Refused", value.refused)
+                yield SignalValue("BundleHash", value.bundle_hash >> 16, text=f"{value.bundle_hash >> 16:#06x}")
+                return
+            yield SignalValue("BundleHash", value.bundle_hash, text=f"{value.bundle_hash:#010x}")
+            names = ("Refused", "NotAuthentic", "TxErrors", "RxErrors")
+            yield from map(SignalValue, names, (value.refused, value.not_authentic, value.tx_errors, value.rx_errors))
+            yield from (SignalValue(f"SetAside{i}", value.set_aside >> i & 1) for i in range(SENSORS))
 
 
 def _or_word(name: str, value: float | None, unit: str, without: float, word: str) -> SignalValue:
     """Return a signal's value; for a missing value (None) the number is `without` and the text is `word`."""
     return SignalValue(name, without, unit, word) if value is None else SignalValue(name, value, unit)
-
-
-def _of_command(value: JetCommand) -> Iterator[SignalValue]:
-    yield SignalValue("Mode", int(value.mode), text=value.mode.name)
-    yield SignalValue("Enable", int(value.enable))
-    yield SignalValue("PressureCounterValid", int(value.pressure_counter is not None))
-    yield SignalValue("NextPeriod", int(value.next_period))
-    yield SignalValue("Flow", value.flow_m2_per_s, "m2/s")
-    yield SignalValue("PressureCounter", value.pressure_counter or 0)
-
-
-def _of_status(value: EcuStatus, is_fd: bool) -> Iterator[SignalValue]:
-    yield SignalValue("State", int(value.state), text=value.state.name)
-    yield SignalValue("Reason", int(value.reason), text=value.reason.name)
-    yield SignalValue("BusOff", value.bus_off)
-    yield SignalValue("Overruns", value.overruns)
-    yield SignalValue("Missed", value.missed)
-    yield SignalValue("CrcErrors", value.crc_errors)
-    if not is_fd:
-        yield SignalValue("Refused", value.refused)
-        yield SignalValue("BundleHash", value.bundle_hash >> 16, text=f"{value.bundle_hash >> 16:#06x}")
-        return
-    yield SignalValue("BundleHash", value.bundle_hash, text=f"{value.bundle_hash:#010x}")
-    yield SignalValue("Refused", value.refused)
-    yield SignalValue("NotAuthentic", value.not_authentic)
-    yield SignalValue("TxErrors", value.tx_errors)
-    yield SignalValue("RxErrors", value.rx_errors)
-    yield from (SignalValue(f"SetAside{i}", value.set_aside >> i & 1) for i in range(SENSORS))
 
 
 DBC: Final = Path(contract.__file__).with_name("stillwake.dbc")

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from threading import Event, Lock, Thread
-from typing import Final, NamedTuple, Self
+from typing import Final, Self
 
 from can_bridge.bus.backends.python_can import PythonCanBus, ReceiveThread
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState, Rejection
@@ -25,16 +25,8 @@ SEND_TIMEOUT_S: Final = 0.003
 """Longest time in s to send a frame. A period of 20 ms has two frames; if both time out, 14 ms of the period remain."""
 
 
-class Lost(NamedTuple):
-    """A report that the bus was lost."""
-
-    why: str
-
-
-class Back(NamedTuple):
-    """A report that the bus is connected again."""
-
-    after_s: float
+Tell = Callable[..., None]
+"""A function that reports an event. It is called with the event's name, its text, and its fields."""
 
 
 class Connection:
@@ -53,7 +45,7 @@ class Connection:
         first_pause_s: float = FIRST_PAUSE_S,
     ) -> None:
         self._open, self._deliver, self._first_pause_s = open_bus, deliver, first_pause_s
-        self._bus: _Read | None = None
+        self._bus: ReceiveThread | None = None
         self._opened = deque[PythonCanBus]()  # filled by the opener, with one bus at most
         self._opener: Thread | None = None
         self._closing = Event()
@@ -65,7 +57,7 @@ class Connection:
         self.why_not_sent = ""
 
     def __enter__(self) -> Self:
-        self._bus = _Read(self._open(), self._deliver)
+        self._bus = ReceiveThread(self._open(), self._deliver).__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -79,15 +71,20 @@ class Connection:
                 stack.callback(self._bus.close)
         self._bus = None
 
-    def look(self) -> Lost | Back | None:
-        """Return a report if the bus was lost or has returned since the last call, else None; do not wait."""
+    def look(self, tell: Tell) -> bool:
+        """Report if the bus was lost or has returned since the last call; return whether it has returned now."""
         if self._bus is None:
             if not self._opened:
-                return None
-            self._bus = _Read(self._opened.pop(), self._deliver)
-            return Back(after_s=time.monotonic() - self._lost_at_s)
-        fault = self._bus.receiver.fault
-        return None if fault is None else self._lose(self._bus, str(fault))
+                return False
+            self._bus = ReceiveThread(self._opened.pop(), self._deliver).__enter__()
+            after_s = time.monotonic() - self._lost_at_s
+            again = "for control, the enable request must rise again"
+            tell("bus_back", f"bus open again after {after_s:.1f} s; {again}", after_s=after_s)
+            return True
+        if (fault := self._bus.fault) is not None:
+            tell("bus_lost", f"bus lost, jets shut, reopening the bus: {fault}", why=str(fault))
+            self._lose(self._bus)
+        return False
 
     def health(self) -> BusHealth:
         """Return state and counters of the CAN controller since the process started; a lost bus counts as bus-off."""
@@ -121,17 +118,17 @@ class Connection:
             return str(error)
         return ""
 
-    def _lose(self, read: "_Read", why: str) -> Lost:
-        self._before = replace(self.health(), bus_off=self.health().bus_off + 1)
+    def _lose(self, read: ReceiveThread) -> None:
+        health = self.health()
+        self._before = replace(health, bus_off=health.bus_off + 1)
         self._health = replace(self._before, state=BusState.BUS_OFF)
         self._bus = None
         self._lost_at_s = time.monotonic()
         self.losses += 1
         self._opener = Thread(target=self._reopen, args=(read,), name="can-open", daemon=True)
         self._opener.start()
-        return Lost(why=why)
 
-    def _reopen(self, lost: "_Read") -> None:
+    def _reopen(self, lost: ReceiveThread) -> None:
         step_back()
         lost.close()
         pause_s = self._first_pause_s
@@ -142,15 +139,3 @@ class Connection:
                 pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
             else:
                 return
-
-
-class _Read:
-    """An open bus with the thread that reads it."""
-
-    def __init__(self, bus: PythonCanBus, deliver: Callable[[Frame], None]) -> None:
-        self.bus = bus
-        self.receiver = ReceiveThread(bus, deliver).__enter__()
-
-    def close(self) -> None:
-        self.receiver.__exit__(None, None, None)
-        self.bus.close()

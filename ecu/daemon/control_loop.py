@@ -14,7 +14,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
-from ecu.daemon.connection import Back, Connection, Lost
+from ecu.daemon.connection import Connection, Tell
 from ecu.daemon.reception import FrameReception
 from ecu.daemon.reporter import Counters
 from ecu.fail_safe import FailSafe
@@ -31,8 +31,6 @@ SHUT_FRAMES: Final = 3
 """Number of periods at the end in which the ECU sends commands to shut the jets: a single frame may be lost."""
 _PASSING: Final = (Mode.HOLD, Mode.DECAY)
 """Modes that last too briefly to be reported in the log."""
-
-Tell = Callable[..., None]
 
 
 class ControlLoop:
@@ -78,7 +76,8 @@ class ControlLoop:
         due_ns = self._deadlines.due_ns
         self._sleep_until(due_ns)
         woke_ns = self._now_ns()
-        self._look_at_bus()
+        if self._connection.look(self._tell):
+            self._arrivals = Arrivals(period_ns=self._arrivals.period_ns)  # perhaps of another sender
         pressures, others = self._reception.take()
         before = self._ecu.state
         self._times.forget()
@@ -117,18 +116,6 @@ class ControlLoop:
         shut = replace(self.counters.state, fail_safe=self._ecu.state.fail_safe)
         self.counters = replace(self.counters, state=shut, action=self._ecu.trace.action)
         self._after_step(self._now_ns(), self.counters)
-
-    def _look_at_bus(self) -> None:
-        match self._connection.look():
-            case Lost(why=why):
-                self._tell("bus_lost", f"bus lost, jets shut, reopening the bus: {why}", why=why)
-            case Back(after_s=after_s):
-                self._arrivals = self._arrivals.forgotten()
-                self._tell(
-                    "bus_back",
-                    f"bus open again after {after_s:.1f} s; for control, the enable request must rise again",
-                    after_s=after_s,
-                )
 
     def _is_sound(self, before: ReceiverState, frames: Sequence[Frame]) -> bool:
         """Return whether a pressure frame of this period passed its checks. Such a frame may still be unusable, but not

@@ -12,6 +12,7 @@ from contextlib import ExitStack, contextmanager
 from threading import Event, Thread
 from typing import Final, Self
 
+from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.uds.security import AccessKey
 from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
@@ -150,7 +151,7 @@ def serve_store(
         stack.callback(sys.setswitchinterval, sys.getswitchinterval())
         sys.setswitchinterval(SWITCH_INTERVAL_S)
         freshness, authentication = authentication_of(config, options)
-        ecu = FlashableEcu(folder.backing(), config, equipment, authentication=authentication)
+        ecu = FlashableEcu(FolderBacking(folder.folder), config, equipment, authentication=authentication)
         connections: list[Connection] = []
         fatal: list[BaseException] = []
 

@@ -40,10 +40,6 @@ class EcuFolder:
     hardware: str
     serial: str
 
-    def backing(self) -> FolderBacking:
-        """Return the folder as the backing of a store; raise MediumError if the folder cannot be used."""
-        return FolderBacking(self.folder)
-
 
 def read_folder(folder: Path, *, root: Path | None = None, hardware: str | None = None) -> EcuFolder:
     """Read an ECU's folder; `root` and `hardware` replace its root key and hardware name. Raises ConfigError if the

@@ -9,7 +9,7 @@ import numpy as np
 from can_bridge.uds.fault_codes import CODES
 from can_bridge.uds.fault_memory import FaultMemory
 from can_bridge.uds.services import Nrc
-from can_bridge.wire.messages import COUNT_LIMIT, SENSORS
+from can_bridge.wire.messages import COUNT_LIMIT, SENSORS, Reason
 from ecu.ecu_state import EcuState
 from ecu.fail_safe import OperatingMode
 
@@ -48,13 +48,16 @@ class FaultWatch:
     def seen(self, before: EcuState, after: EcuState, now_ns: int) -> None:
         is_first, now_ns = self._power_on_ns is None, max(0, now_ns)
         self._power_on_ns = now_ns if self._power_on_ns is None else self._power_on_ns
-        was, now = before.fail_safe.mode, after.fail_safe.mode
-        if now is was and not is_first:
+        was, now, fail_safe = before.fail_safe.mode, after.fail_safe.mode, after.fail_safe
+        # If control begins again and its first step fails, a fault ends and another one begins in the same period. Only
+        # then the period has usable pressures (no miss), but none of them counts as good.
+        fails_again = fail_safe.reason is Reason.INTERNAL and fail_safe.misses == fail_safe.good == 0
+        if now is was and not is_first and not fails_again:
             return
         if now is OperatingMode.CONTROL:
             self._memory.note(None)
-        elif now is OperatingMode.FAULT and after.fail_safe.reason in CODES:
-            self._memory.note(after.fail_safe.reason, _snapshot(before, after, now_ns - self._power_on_ns))
+        elif now is OperatingMode.FAULT and fail_safe.reason in CODES:
+            self._memory.note(fail_safe.reason, _snapshot(before, after, now_ns - self._power_on_ns))
 
 
 def _snapshot(before: EcuState, after: EcuState, since_power_on_ns: int) -> bytes:

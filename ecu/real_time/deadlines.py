@@ -32,12 +32,6 @@ class Deadlines:
     left_out: int = 0
     grace_ns: int = 0
 
-    def __post_init__(self) -> None:
-        if self.period_ns <= 0:
-            raise ValueError(f"period_ns = {self.period_ns}: must be positive")
-        if not 0 <= self.grace_ns < self.period_ns:
-            raise ValueError(f"grace_ns = {self.grace_ns}: must be in 0..{self.period_ns - 1}")
-
     def after(self, now_ns: int) -> Self:
         """Return the next deadline that can still be met if the work for the present deadline ends at `now_ns`."""
         late_ns = now_ns - self.grace_ns - (self.due_ns + self.period_ns)
@@ -66,10 +60,6 @@ class Arrivals:
 
     def seen(self, arrival_ns: int) -> Self:
         return replace(self, latest_ns=(*self.latest_ns, arrival_ns)[-REMEMBERED:])
-
-    def forgotten(self) -> Self:
-        """Return an empty `Arrivals`, for use when the sender has restarted or another sender takes its place."""
-        return replace(self, latest_ns=())
 
     @property
     def expected_ns(self) -> int | None:

@@ -70,8 +70,6 @@ class StageTimes:
     """The stage times of one node, in `periods` rows; when all rows are used, the oldest are overwritten."""
 
     def __init__(self, stages: type[IntEnum], periods: int = USUAL_PERIODS) -> None:
-        if periods < 1:
-            raise ValueError(f"periods = {periods}: must be at least 1")
         self._stages = stages
         self._blank = np.array([NOTHING if stage.name.endswith("COUNTER") else 0 for stage in stages], dtype=np.int64)
         # Every page of memory is written once here, so that the system provides it before the first control period.

@@ -172,9 +172,7 @@ class PythonCanBus(OpenBus):
 
     def send(self, frame: Frame, *, timeout_s: float = 0.005) -> None:
         """Send one frame. Raises BusError if the bus failed, if it does not accept the frame in time, or for a CAN FD
-        frame on a classic bus; ValueError for a negative timeout."""
-        if timeout_s < 0:
-            raise ValueError(f"timeout_s = {timeout_s}: must not be negative")
+        frame on a classic bus."""
         if frame.is_fd and self._is_classic:
             raise BusError(f"frame {frame.frame_id:#05x} was not sent: it is CAN FD, and bus.frames = classic")
         self._send(to_message(frame), f"{frame.frame_id:#05x}", timeout_s)
@@ -239,11 +237,11 @@ POLL_S: Final = 0.05
 
 
 class ReceiveThread:
-    """A thread that reads a bus in its `with` block; close the bus afterwards. `fault` is the error that ended it."""
+    """A thread that reads `bus` in its `with` block, or until `close`. `fault` is the error that ended it."""
 
     def __init__(self, bus: PythonCanBus, deliver: Callable[[Frame], None]) -> None:
         """Prepare the thread, which calls `deliver` with each frame; `deliver` must return without waiting."""
-        self._bus = bus
+        self.bus = bus
         self._deliver = deliver
         self._stop = Event()
         self._thread = Thread(target=self._run, name="can-receive", daemon=True)
@@ -262,10 +260,15 @@ class ReceiveThread:
         self._stop.set()
         self._thread.join()
 
+    def close(self) -> None:
+        """Stop the thread and close the bus."""
+        self.__exit__()
+        self.bus.close()
+
     def _run(self) -> None:
         try:
             while not self._stop.is_set():
-                if (frame := self._bus.receive(POLL_S)) is not None:
+                if (frame := self.bus.receive(POLL_S)) is not None:
                     self._deliver(frame)
         except BaseException as error:  # noqa: BLE001 - an error that ends a thread is lost unless it is stored
             self.fault = error

@@ -105,8 +105,7 @@ def resolve(
     """Return the outcome of an attempt in which nodes start frames of equal priority at the same time.
 
     Args:
-        frames: frame of each sender.
-        receivers: all other nodes that are not bus-off.
+        receivers: all nodes but the senders that are not bus-off.
         misheard: position of the inverted bit, for each receiver that alone sees this bit inverted.
         disturbed: position of the bit that all nodes see inverted. Positions are counted from the start of frame; a
             position after the end of frame means the last bit.

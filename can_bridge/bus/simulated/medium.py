@@ -1,16 +1,12 @@
 """A CAN bus in virtual time: arbitration, exact frame lengths, errors and fault confinement, without a clock or thread.
 
 Every node has a port with a queue (`can_bridge.bus.simulated.port`) and a controller's error counters
-(`can_bridge.bus.simulated.attempt`). When the bus is free, the first frames of all queues compete, and the
-smallest identifier wins. The winning frame occupies the bus for the time of its bits (`can_bridge.wire.frame_bits`),
-including the intermission of three bits. At the end of frame, before the intermission, all other nodes receive the
-frame, stamped with this time, and the sender removes the frame from its queue. A destroyed frame is sent again.
+(`can_bridge.bus.simulated.attempt`). docs/explanation/simulated-bus.md describes the model and its limits.
 
 Time passes only in `advance_to` and `advance_until`, and jumps from event to event. A frame that begins at the present
 time waits until time passes, because other nodes can still send at that instant and take part in the arbitration.
 
-The caller passes two functions that state which bits are wrong; all other faults wrap a port. Remote frames, overload
-frames and phase differences are left out: all nodes begin a frame in the same nanosecond.
+The caller passes two functions that state which bits are wrong; all other faults wrap a port.
 """
 
 import heapq

@@ -209,7 +209,9 @@ void sw_faults_after(sw_faults *faults, int64_t now_ns)
     const int is_first = !faults->has_power_on;
     if (is_first) faults->power_on_ns = now_ns;
     faults->has_power_on = 1;
-    if (fail_safe->mode == faults->was && !is_first) return;
+    /* A fault ends and begins in one period if control begins again and its first step fails: see FaultWatch.seen. */
+    const int fails_again = fail_safe->reason == SW_REASON_INTERNAL && fail_safe->misses + fail_safe->good == 0u;
+    if (fail_safe->mode == faults->was && !is_first && !fails_again) return;
     if (fail_safe->mode == SW_CONTROL) {
         note(faults, SW_REASON_NONE);
     } else if (fail_safe->mode == SW_FAULT && place_of_reason(fail_safe->reason) >= 0) {

@@ -92,15 +92,15 @@ def _asked(config: Config, *, clear: bool) -> "tuple[dict[str, str | int], Store
 
 def _from_folder(slots: Path) -> "tuple[dict[str, str | int], StoreReport]":
     """Read the contents of an ECU's folder; nothing is booted and nothing is written."""
+    from can_bridge.flashing.folder_backing import FolderBacking
     from can_bridge.flashing.report import report_of
     from can_bridge.flashing.store import Store
     from can_bridge.flashing.verdicts import Verdict
     from ecu.flashable.ecu_folder import read_folder
 
     folder = read_folder(slots)
-    store = Store(
-        folder.backing(), root=folder.root, hardware=folder.hardware, fits=lambda bundle: Verdict.WRONG_VEHICLE
-    )
+    backing, fits = FolderBacking(slots), lambda bundle: Verdict.WRONG_VEHICLE
+    store = Store(backing, root=folder.root, hardware=folder.hardware, fits=fits)
     found: dict[str, str | int] = {
         "serial_number": folder.serial,
         "hardware": folder.hardware,

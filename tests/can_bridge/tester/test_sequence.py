@@ -13,7 +13,8 @@ from can_bridge.flashing.verdicts import Verdict
 from can_bridge.tester import messages
 from can_bridge.tester.sequence import End, Flashed, Step
 from can_bridge.uds.security import AccessKey
-from can_bridge.uds.services import SERVICES, Nrc, Refused, Routine, Service
+from can_bridge.uds.services import SERVICES, Did, Nrc, Refused, Routine, Service
+from contract.errors import FlashError
 from tests.can_bridge.flashing.releases import BLOCK, damage, flash, image, phases
 from tests.can_bridge.tester.ecu_to_flash import EcuToFlash
 from tests.can_bridge.tester.line import Line, flash_over
@@ -118,6 +119,15 @@ def test_a_dry_run_and_a_judge_that_objects_write_nothing(line: Line, ecu: EcuTo
     with pytest.raises(messages.NotNowError, match="not this one"):
         flashed(line, judge=judge)
     assert (ecu.routines, ecu.memory.calls) == ([Routine.PRECONDITIONS], calls)
+
+
+def test_an_ecu_that_means_something_else_by_an_identifier_is_not_flashed(line: Line, ecu: EcuToFlash) -> None:
+    calls = ecu.memory.calls
+    # So large a number is neither a float nor a string of Python.
+    ecu.values[Did.PERIOD_NS] = b"\x01" + bytes(4000)
+    with pytest.raises(FlashError, match="period_ns has 4001 bytes, must have 8"):
+        flashed(line)
+    assert ecu.memory.calls == calls
 
 
 def test_wrong_keys_write_nothing_and_their_delay_is_waited_for(line: Line, ecu: EcuToFlash) -> None:

@@ -124,7 +124,7 @@ class Rig:
     def hears(self) -> bool:
         """Whether the bus is read."""
         read = self.connection._bus
-        return read is not None and read.receiver.fault is None
+        return read is not None and read.fault is None
 
     def run(self, steps: int) -> None:
         """So many more control steps; what they sent is then in `commands` and `statuses`."""

@@ -16,7 +16,6 @@ from contract.config.tree import Config
 from ecu.real_time.deadlines import wrapped
 from ecu.real_time.stage_times import EcuStage
 from ecu.shut_ecu import ShutEcu
-from tests.each import each
 from tests.ecu.daemon.conftest import START_NS, wait_for
 
 PERIOD = Config().period_ns
@@ -34,16 +33,6 @@ def slow(rig):
 
     rig.controller.plan = plan
     return rig
-
-
-@each("phase_ms", [0, 7, 19])
-def test_steps_come_to_lie_the_offset_behind_the_pressures(rig_of, phase_ms):
-    rig = rig_of(phase_ns=phase_ms * MS, step_offset_ms=4.0)
-    rig.run(60)
-    behind = [(due - START_NS - phase_ms * MS) % PERIOD for due in rig.column(EcuStage.SCHEDULED)]
-    assert behind[-1] == 4 * MS
-    # Never by leaps: between two steps there is a period, but for a 32nd.
-    assert np.abs(np.diff(rig.column(EcuStage.SCHEDULED)) - PERIOD).max() <= PERIOD // 32
 
 
 @pytest.mark.parametrize("behind_ms", [1, 10])

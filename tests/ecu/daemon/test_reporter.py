@@ -45,23 +45,29 @@ def test_a_full_disk_under_the_log_costs_lines_and_nothing_else(tmp_path: Path, 
             full.close()
 
 
-def test_a_file_of_counters_that_cannot_be_written_is_reported_once_and_once_when_it_can(tmp_path, counters):
+def test_what_cannot_be_written_or_kept_is_reported_once_and_once_when_it_can(tmp_path, counters):
     lines: list[str] = []
     folder = tmp_path / "metrics"
     folder.write_text("a file where a folder must be")
     looks = list[Counters]()
-    reporter = Reporter(
-        lines.append, by_name, bundle="", metrics=folder / "ecu.prom", keep=looks.append, interval_s=OFTEN_S
-    )
-    with reporter:
+
+    def keep(given: Counters) -> None:
+        looks.append(given)
+        if len(looks) < 3:
+            raise BusError("cannot write x: no space")
+
+    metrics = folder / "ecu.prom"
+    with Reporter(lines.append, by_name, bundle="", metrics=metrics, keep=keep, interval_s=OFTEN_S) as reporter:
         reporter.counters = counters
         wait_for(lambda: len(looks) > 5)
         folder.unlink()
-        wait_for((folder / "ecu.prom").exists)
+        wait_for(metrics.exists)
         seen = len(looks)
         wait_for(lambda: len(looks) > seen + 2)
-    assert [line.split(": ")[0] for line in lines] == ["metrics_failed", "metrics_written"]
-    assert "cannot write" in lines[0]
+    assert [line.split(": ")[0] for line in lines] == [
+        *("metrics_failed", "freshness_failed", "freshness_written", "metrics_written")
+    ]
+    assert "cannot write" in lines[0] and lines[1] == "freshness_failed: cannot write x: no space"
     assert [path.name for path in folder.iterdir()] == ["ecu.prom"]
 
 
@@ -73,19 +79,6 @@ def test_what_happens_every_period_is_a_line_an_interval_and_all_is_written_befo
             reporter.counters = replace(counters, left_out=left_out, not_sent=2 * left_out)
     left_out_line = "left_out: 49 periods left out, 49 in all"
     assert lines == [*(f"a: {n}" for n in range(1, 50)), left_out_line, "not_sent: 98 frames not sent, 98 in all"]
-
-
-def test_what_must_be_kept_and_cannot_is_reported(counters):
-    lines: list[str] = []
-
-    def keep(given: Counters) -> None:
-        assert given is counters
-        raise BusError("cannot write x: no space")
-
-    with Reporter(lines.append, by_name, bundle="", keep=keep, interval_s=OFTEN_S) as reporter:
-        reporter.counters = counters
-        wait_for(lambda: lines)
-    assert lines == ["freshness_failed: cannot write x: no space"]
 
 
 # 2026-03-29T01:00:00Z, when summer time begins in Europe: dates are UTC.

@@ -16,6 +16,7 @@ from contract.runtime.onnx_session import OnnxController
 from ecu.ecu import Ecu
 from ecu.flashable.links import MOST_FRAMES
 from tests.can_bridge.uds.addresses import REQUEST_ID
+from tests.ecu.conftest import RecordingController
 from tests.ecu.flashable.vehicle_ecu import MS, UNCHECKED, Rig, image, provision
 
 EXTENDED, PROGRAMMING, PRECONDITIONS = b"\x10\x03", b"\x10\x02", b"\x31\x01\x02\x03"
@@ -87,6 +88,10 @@ def test_a_reset_waits_for_a_period_that_shuts_the_jets(rig: Rig) -> None:
     assert (rig.ecu.resets, rig.commands[-1].enable) == (0, True)
     rig.run(2 * rig.config.period_ns // MS)
     assert rig.ecu.resets == 1 and not rig.commands[-1].enable
+    # The request that is set does not count for the new power cycle.
+    rig.commands.clear()
+    rig.run(500)
+    assert not any(command.enable for command in rig.commands)
 
 
 def test_no_programming_while_the_jets_may_run(rig: Rig) -> None:
@@ -136,21 +141,6 @@ def test_only_a_reset_leads_out_of_update(rig: Rig) -> None:
     rig.into_control()
 
 
-def test_a_reset_shuts_jets_that_run(rig: Rig) -> None:
-    rig.run_asking(False, 100)
-    rig.programming()
-    rig.run_asking(True, 2000)
-    assert rig.commands[-1].enable
-    # A tester's is refused by now; one that was answered before the request came is not.
-    rig.ecu._ask_for_reset()
-    rig.run(100)
-    assert rig.ecu.resets == 1
-    # The request that is set does not count for the new power cycle.
-    rig.commands.clear()
-    rig.run(500)
-    assert not any(command.enable for command in rig.commands)
-
-
 LOST = CODES[Reason.STREAM_LOST].to_bytes(3, "big")
 CONFIRMED = b"\x19\x02\x08"
 
@@ -191,6 +181,22 @@ def test_silence_is_for_a_bench_and_never_for_jets_that_can_run(rig):
     driven = len(rig.commands)
     rig.run_asking(False, 200)
     assert [(c.mode, c.enable, c.flow_m2_per_s) for c in rig.commands[driven:]] == [(Mode.OFF, False, 0.0)]
+
+
+def test_a_controller_that_fails_again_is_entered_again(tmp_path, monkeypatch):
+    """Its fault ends and begins in one period, in which the request rises."""
+    provision(tmp_path / "ecu", image("first"))
+    rig = Rig(tmp_path / "ecu", UNCHECKED)
+    rig.into_control()
+    monkeypatch.delattr(RecordingController, "control_step")
+    internal = CODES[Reason.INTERNAL].to_bytes(3, "big")
+    for _ in range(2):
+        rig.run_asking(False, 200)
+        rig.good(b"\x14\xff\xff\xff")
+        assert rig.ask(CONFIRMED) == b"\x59\x02\x7f"
+        rig.run_asking(True, 40)
+        assert rig.statuses[-1].reason is Reason.INTERNAL
+        assert rig.ask(CONFIRMED)[3:6] == internal
 
 
 def test_without_a_release_that_is_the_fault_and_a_worn_memory_is_reported_once(tmp_path, monkeypatch):

@@ -11,14 +11,13 @@ from can_bridge.flashing.verdicts import Verdict
 from can_bridge.secoc.key import read_key, write_key
 from can_bridge.secoc.node import Authentication
 from can_bridge.uds.services import S3_MS
-from can_bridge.wire.message_specs import ECU_STATUS, FRESHNESS_LENGTH, JET_COMMAND, JET_COMMAND_SECURED
+from can_bridge.wire.message_specs import FRESHNESS_LENGTH, JET_COMMAND_SECURED
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.release.container import files_of
 from contract.release.manifest import MANIFEST, open_manifest
 from ecu.flashable.flashable_ecu import FlashableEcu
-from ecu.stepped import SteppedEcu
 from tests.ecu.flashable.vehicle_ecu import ACTIVATE, CONFIRM_ROUTINE, SELF_TEST, Rig, image, provision
 
 
@@ -57,17 +56,6 @@ def test_without_a_release_it_reports_that_and_one_is_written_tried_and_confirme
     order = ["no_release", "session", "unlocked", "update", "checked", "activated", "trial", "confirmed", "booted"]
     names = iter(rig.log.names())
     assert all(name in names for name in order), rig.log.names()
-
-
-def test_a_reset_restarts_counters_and_locks(rig: Rig) -> None:
-    rig.programming()
-    rig.run(100)
-    before = len(rig.sent)
-    rig.reset()
-    sent = [frame for frame in rig.sent[before:] if frame.frame_id == JET_COMMAND.frame_id]
-    assert 0 in [frame.data[2] for frame in sent]  # the E2E counter
-    # The session is over, and what was unlocked is locked.
-    assert rig.ask(b"\x31\x01\x02\x06") == b"\x7f\x31\x7f"
 
 
 def test_an_earlier_bus_off_is_no_fault_of_the_release_that_boots(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,17 +122,6 @@ def test_with_a_key_no_freshness_comes_or_is_taken_twice_over_resets_and_release
     assert rig.ecu.resets == 2
     assert values == list(range(values[0], values[0] + len(values)))
     assert values[0] == 7 << 32
-
-
-def test_it_steps_like_any_ecu(rig: Rig) -> None:
-    ecu: SteppedEcu = rig.ecu
-    power_on, frames = ecu.state, [rig.pressure(False)]
-    sent = ecu.step(1_000_000, frames)
-    assert [frame.frame_id for frame in sent] == [JET_COMMAND.frame_id, ECU_STATUS.frame_id]
-    assert ecu.state != power_on
-    assert ecu.status().bundle_hash == hash_of(image("first"))
-    ecu.restore(power_on)
-    assert ecu.step(1_000_000, frames) == sent
 
 
 def test_a_reset_leaves_nothing_behind_where_the_collector_is_off(rig: Rig) -> None:

@@ -73,15 +73,3 @@ def test_a_release_for_another_vehicle_is_refused(rig: Rig) -> None:
     wider = replace(bundle, manifest=replace(bundle.manifest, window=33), digest="2")
     for damaged in (wider, replace(bundle, files={**bundle.files, ESTIMATOR: bundle.files[CONTROLLER]}, digest="3")):
         assert fit.fits(damaged) is Verdict.DAMAGED
-
-
-def test_a_controller_is_made_once_for_check_and_boot(bundle_of) -> None:
-    made: list[RecordingController] = []
-
-    def controller_of(bundle: Bundle) -> RecordingController:
-        made.append(RecordingController())
-        return made[-1]
-
-    fit, bundle = VehicleFit(Config(), controller_of), bundle_of()
-    assert fit.fits(bundle) is Verdict.GOOD
-    assert fit.controller(bundle) is made[0] and len(made) == 1

@@ -10,8 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.each import each
-
 pytestmark = [pytest.mark.slow, pytest.mark.compiler]
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "how-to" / "integrate-the-ecu.md"
@@ -166,10 +164,3 @@ def test_the_pack_is_as_its_schema_has_it_and_names_every_file(release):
     # The schema refuses what it should: a component without a class.
     next(found.iter("component")).attrib.pop("Cclass")
     assert not schema.validate(found)
-
-
-@each("file", ["sources.cmake", "library.json"])
-def test_a_part_is_named_once(release, file):
-    text = (release.folder / file).read_text()
-    for name in sources_of(release.folder):
-        assert len(re.findall(rf"(?<![\w/]){re.escape(name)}\b", text)) == 1, name

@@ -1,14 +1,12 @@
 """ECU and vehicle through whatever hypothesis can think of: judged from outside, and shrunk to the shortest story."""
 
 from dataclasses import replace
-from itertools import product
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from tests.examples import examples
@@ -40,35 +38,3 @@ def test_no_story_that_hypothesis_finds_breaks_a_promise(limits, plan_ahead, str
     story = [replace(one, chance=one.chance + k) for periods, one in stretches for k in range(periods)]
     for events in [*CALM, *story]:
         assert world.period(events) == [], world.seen
-
-
-UNUSABLE = {Reason.STREAM_LOST, Reason.SENSOR_INVALID, Reason.STALE}
-EVERYTHING = {
-    *product((Mode.OFF, Mode.WARMUP, Mode.CONTROL), (Reason.NONE,)),
-    (Mode.OFF, Reason.NOT_ARMED),
-    *product((Mode.HOLD, Mode.DECAY, Mode.FAULT), UNUSABLE),
-    *((Mode.FAULT, Reason[name]) for name in ("STREAM_INVALID", "DEADLINE", "BUS_OFF", "INTERNAL", "CLOCK")),
-}
-"""What the ECU can report where the wire is not authenticated and no sensor is judged by its values."""
-WAYS = [
-    [Events(pressure="lost")] * 4,
-    [Events(pressure="flipped")] * 3,
-    [Events(valid=False)] * 4,
-    [Events(queued_ns=35_000_000)] * 4,
-    [Events(elapsed_ns=10**9)],
-    [Events(elapsed_ns=0)],
-    [Events(bus_off=True)],
-    [Events(deed="raise")],
-    [Events(reset_ecu=True)] + [Events()] * 3,
-]
-
-
-def test_the_world_leads_everywhere():
-    """Or a campaign by chance would have shown nothing."""
-    reached = set()
-    for way in WAYS:
-        world = World(Config())
-        for events in [*CALM, *way]:
-            assert world.period(events) == [], world.seen
-            reached.add(world.ecu.status()[:2])
-    assert reached >= EVERYTHING, EVERYTHING - reached

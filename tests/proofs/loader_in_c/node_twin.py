@@ -186,8 +186,8 @@ class _Controller(RecordingController):
 
     def control_step(self, window: Any, *given: Any) -> Any:
         answer, fails = super().control_step(window, *given), self._of.fails
-        bad = 1.0 if fails == 4 or (fails == 6 and window.any()) else -1.0
-        return replace(answer, plan=np.full_like(answer.plan, bad)) if fails in (4, 5) or bad > 0 else answer
+        bad = {4: 1.0, 5: -1.0, 6: 1.0 if window.any() else None, 7: np.nan}.get(fails)
+        return answer if bad is None else replace(answer, plan=np.full_like(answer.plan, bad))
 
 
 class Twins:
@@ -226,7 +226,7 @@ class Twins:
 
     def fail(self, what: int) -> None:
         """From now on: 0 nothing, 1 the memory, 2 the source of random bytes gives zeros, 3 it gives none, 4 and 5
-        plans are too great, 6 they are on windows that are not zero."""
+        plans are too great, 6 they are on windows that are not zero, 7 they are no numbers."""
         self.fails, self.backing.broken = what, what == 1
         self.c.fail(what)
 

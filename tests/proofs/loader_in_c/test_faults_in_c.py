@@ -35,6 +35,7 @@ PLANTED = (
     ("faults->has_latest = 0;", ""),
     ("group == ALL_GROUPS || i == place", "1"),
     ("fail_safe->mode == faults->was && !is_first", "fail_safe->mode == faults->was"),
+    (" && !fails_again", ""),
     ("faults->was = state->fail_safe.mode;", ""),
     ("== sw_crc32(0, record, BODY_END)", "!= 0u"),
     (" && !sw_store_is_erasing(faults->store)", ""),
@@ -101,6 +102,16 @@ def live(of: Any, library: Library) -> None:
             course.reports()
         course.next_cycle()
         course.reports()
+    # A controller that fails, and fails again as soon as the request rises.
+    course.into_control()
+    course.twins.fail(7)
+    for _ in range(3):
+        course.periods(8, False)
+        assert course.ask(b"\x14\xff\xff\xff") == b"\x54"
+        course.periods(4, True)
+        course.periods(1, None)
+        course.reports()
+    course.twins.fail(0)
     # Off, on again in the middle of what happens, and by the end of the session.
     for request in (b"\x10\x03", b"\x85\x03", b"\x85\x01\x00", b"\x85\x02", b"\x28\x01\x01", b"\x28\x01\x03"):
         course.ask(request)

@@ -27,6 +27,7 @@ sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, cons
     for (int k = 0; k < SW_WINDOW; k++) is_zero &= input->window[k][0] == 0.0f;
     if (plan_fails == 4 || (plan_fails == 6 && !is_zero)) plan = 1.0f;
     if (plan_fails == 5) plan = -1.0f;
+    if (plan_fails == 7) plan = 0.0f / 0.0f;
     memset(output, 0, sizeof *output);
     for (int k = 0; k < SW_HORIZON; k++) output->plan[k] = plan;
     return SW_OK;

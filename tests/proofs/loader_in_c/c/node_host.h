@@ -20,7 +20,7 @@ typedef struct {
     uint32_t slow, looks; /* at an erasure until it has ended: of each, and of the one at work */
     uint8_t has_begun; /* with authentication: was powered on before */
     int room; /* frames that diagnosis may send in a call */
-    int fails;       /* 1: the flash memory takes nothing; 2: random bytes are zeros; 3: there are none; 4..6: plans are too great */
+    int fails;       /* 1: the flash memory takes nothing; 2: random bytes are zeros; 3: there are none; 4..6: plans are too great; 7: NaN */
     uint8_t message[SW_ISOTP_MOST + 1];
     uint8_t copy_room[HOST_COPY + 64];
     uint8_t memory_room[SW_FLASH_BYTES + 64];
