@@ -207,6 +207,9 @@ class _Packed(nn.Module):
         self.encoder = encoder
 
     def forward(self, packs: Tensor) -> Tensor:
+        # shap selects the evaluation mode, but cuDNN differentiates an LSTM only in training mode. An encoder has no
+        # dropout, so the mode changes no result.
+        self.encoder.train()
         latents: Tensor = self.encoder(packs.flatten(0, 1))
         return latents.view(*packs.shape[:2], -1).sum(dim=1)
 

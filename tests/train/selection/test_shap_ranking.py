@@ -78,3 +78,16 @@ def test_repeats_differ_a_seed_repeats_and_numpy_is_left_alone(rows, small_confi
     np.testing.assert_array_equal(one.scores, rank(ranker, encoder, rows, repeats=2, seed=0).scores)
     assert not np.array_equal(one.scores[0], one.scores[1])
     assert all(parameter.requires_grad for parameter in encoder.parameters())
+
+
+def test_gradients_are_taken_in_training_mode_as_cudnn_requires(rows):
+    modes = set[bool]()
+
+    class Watched(Linear):
+        def forward(self, windows: Tensor) -> Tensor:
+            modes.add(self.training)
+            return super().forward(windows)
+
+    encoder = Watched(4).eval()
+    ShapRanker(background=2, explained=2, samples=1)(encoder, rows, 0)  # type: ignore[arg-type]
+    assert modes == {True} and not encoder.training
