@@ -40,11 +40,12 @@ class Identity:
     ) -> "Identity":
         """Return the identity of a training on the device "cpu" or "cuda"; `chosen` are the names of the sensors, if
         the caller chose them."""
+        of_lessons = {"weights": asdict(config.mpc.weights), "action_limit": config.flow.action_limit}
         settings = {
             "model": asdict(config.model),
             "train": asdict(config.train),
             "horizon": config.mpc.horizon,
-            **({"weights": asdict(config.mpc.weights)} if config.model.is_slimmed else {}),
+            **(of_lessons if config.model.is_slimmed else {}),
             "device": device,
             "chosen": None if chosen is None else list(chosen),
         }

@@ -56,6 +56,12 @@ def test_another_training_is_refused_by_what_differs_and_with_both_ways(folder):
         ConfigError, match=r"train\.seed = 0, not 5: finish it with its own settings, or start over with --restart"
     ):
         unfinished.check(folder, identity(other))
+    # The plans from which slim networks learn are within the jets' limit.
+    slim = replace(CONFIG, model=replace(CONFIG.model, slim_decoder_width=8))
+    unfinished.note(folder, identity(slim), REACHED)
+    with pytest.raises(ConfigError, match=r"action_limit = 0\.075, not 0\.1: finish it"):
+        unfinished.check(folder, identity(replace(slim, flow=replace(slim.flow, action_limit=0.1))))
+    unfinished.note(folder, identity(), REACHED)
     with pytest.raises(DatasetError, match="another recording"):
         unfinished.check(folder, identity(data="1" * 64))
     # A refinement of another model, or from another flow, is another one with equal settings.
