@@ -252,7 +252,11 @@ def test_the_speeds_that_a_prior_was_trained_at_are_the_releases(tmp_path, progr
     resting = RestingWake(speeds=(0.6, 1.4), base=(-0.3, -0.5), swing=(0.1, 0.3))
     trained = model_of(program, resting=np.array([[0.6, -0.3, 0.1], [1.4, -0.5, 0.3]]))
     trained = replace(trained, config_tree={"refine": {"slowest": 0.6, "fastest": 1.4}})
-    release(tmp_path / "release", program, trained)
+    # A training without `refine` may have read one file of settings with it.
+    release(tmp_path / "release", program, replace(model_of(program), config_tree=trained.config_tree))
+    assert bundle.load(tmp_path / "release").manifest.speeds is None
+    size = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
+    release(tmp_path / "release", random_program(0, model=size, mpc=MpcConfig(horizon=6), prior_memory=4), trained)
     manifest = bundle.load(tmp_path / "release").manifest
     assert manifest.resting == resting
     assert manifest.speeds == SpeedRange(slowest=0.6, fastest=1.4)
