@@ -82,7 +82,7 @@ def calibration_windows(
     with the longest episode, if all episodes are too short."""
     held = {item.name: windows_in(len(item), program.window) for item in episodes}
     last = {
-        item.provenance.get("forcing_signal", f"of {item.name}"): item
+        str(item.provenance.get("forcing_signal", f"of {item.name}")): item
         for item in episodes
         if held[item.name] >= LEAST_CALIBRATION
     }.values()

@@ -155,6 +155,9 @@ def test_calibration_leaves_out_what_is_too_short_and_takes_what_there_is():
     program = random_program(0, model=MODEL, mpc=CONFIG.mpc, sensors=CHOSEN)
     windows = pipeline.calibration_windows(program, EPISODES[:2], LAYOUT)
     assert len(windows) == 200 - (MODEL.window - 1)
+    # The provenance is any JSON object.
+    described = [replace(item, provenance={"forcing_signal": ["sweep", 0.2]}) for item in EPISODES[:2]]
+    assert len(pipeline.calibration_windows(program, described, LAYOUT)) == len(windows)
     with pytest.raises(ExportError, match="longest, blink, has 20 steps, but 50 windows need 55; --precision float32"):
         pipeline.calibration_windows(program, EPISODES[1:2], LAYOUT)
     # The gates replay the first test episode that is long enough.
