@@ -28,7 +28,7 @@ from train.model_store import TrainedModel
 from train.networks.model import Encoder, Predictor, WakeModel
 from train.networks.samples import Rows, fit_scaling, prepare
 from train.selection.methods import select, select_by_hand
-from train.selection.shap_ranking import GIVEN, Ranking, SensorChoice, ShapRanker, check_count, rank
+from train.selection.shap_ranking import GIVEN, Ranking, SensorChoice, check_count, rank
 
 THREADS: Final = "torch_threads"
 """Key in a model's `versions` for the number of torch's threads, or for all numbers that the training used."""
@@ -169,12 +169,10 @@ def _choice(
 
 
 def _ranking(encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress) -> Ranking:
-    settings, state = config.train, checkpoints.load(Phase.RANK)
+    state = checkpoints.load(Phase.RANK)
     if state is not None:
         return Ranking(scores=state["scores"].numpy(), names=rows.layout.names)
-    ranking = rank(
-        ShapRanker.of(settings), encoder, rows, repeats=settings.shap_repeats, seed=settings.seed, progress=progress
-    )
+    ranking = rank(encoder, rows, config.train, progress=progress)
     checkpoints.save(Phase.RANK, {"scores": torch.from_numpy(ranking.scores)})
     return ranking
 

@@ -124,12 +124,7 @@ def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
 def matrices(program: ControllerProgram) -> dict[str, Array]:
     """Return every matrix, (outputs, inputs), by its name."""
     found: dict[str, Array] = {}
-
-    def keep(name: str, weight: Array) -> Array:
-        found[name] = weight
-        return weight
-
-    map_matrices(program, keep)
+    map_matrices(program, found.setdefault)
     return found
 
 

@@ -9,7 +9,7 @@ from contract.config.learning import FinishConfig
 from contract.config.tree import Config
 from contract.errors import DatasetError
 from contract.recording import needs
-from train.distillation.distil import encode_all, fit_stream
+from train.distillation.distil import distil, encode_all
 from train.distillation.evaluate import evaluate, rollout_starts
 from train.fitting.fit import fit_joint
 from train.networks.model import WakeModel
@@ -38,15 +38,13 @@ def test_the_joint_fit(make_episode, config):
 
 
 def test_the_stream(make_episode, config):
-    config = replace(config, train=replace(config.train, stream_epochs=0.01))
+    config = replace(config, train=replace(config.train, stream_epochs=0.01, distil_epochs=0.01))
     need = needs.fitting_need(config)
     assert need.steps == 12 - 1 + 64
-    student = WakeModel(90, config.model).encoder
-
-    enough, short = (rows_of(make_episode, steps) for steps in (need.steps, need.steps - 1))
-    fit_stream(student, encode_all(student, enough).detach(), enough, config)
+    teacher, chosen = WakeModel(90, config.model).encoder, np.array([3, 4])
+    distil(teacher, rows_of(make_episode, need.steps), chosen, config)
     with pytest.raises(DatasetError, match="too short"):
-        fit_stream(student, encode_all(student, short).detach(), short, config)
+        distil(teacher, rows_of(make_episode, need.steps - 1), chosen, config)
 
 
 def test_the_judging_and_the_windows_of_an_episode(make_episode, config):
