@@ -40,9 +40,15 @@ def config(small_config) -> Config:
 
 @pytest.fixture(scope="module")
 def stored(recording, config, tmp_path_factory) -> Path:
-    """Never written to."""
+    """Never written to. Every phase has one thread unless more are asked for, and the caller's are given back."""
     path = tmp_path_factory.mktemp("trained") / "model"
-    train_all(recording, config, path)
+    seen, before = set[tuple[Phase, int]](), torch.get_num_threads()
+    torch.set_num_threads(3)
+    train_all(recording, config, path, progress=lambda phase, *_: seen.add((phase, torch.get_num_threads())))
+    assert torch.get_num_threads() == 3
+    torch.set_num_threads(before)
+    without = {Phase.FINISH, Phase.SELECT, Phase.STREAM, Phase.REFINE, Phase.REST, Phase.AIR_SPEED}
+    assert seen == {(phase, 1) for phase in set(Phase) - without}
     assert [item.name for item in path.parent.iterdir()] == ["model"], "checkpoints are left"
     return path
 
@@ -50,7 +56,7 @@ def stored(recording, config, tmp_path_factory) -> Path:
 def test_the_stored_model_is_the_trained_one(stored, recording, small_config, config):
     assert sorted(item.name for item in stored.iterdir()) == ["model.json", "model.safetensors"]
     model = model_store.load(stored)
-    assert model.config == config
+    assert model.config == config and model.versions["torch_threads"] == "1"
     assert model.deployed.dynamics.hidden.out_features == 24
     assert model.deployed.decoder.output.in_features == 16
     assert len(model.sensors) == 4

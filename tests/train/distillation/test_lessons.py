@@ -24,8 +24,8 @@ from train.networks.samples import Rows, fit_scaling, prepare
 
 
 @pytest.fixture(scope="module")
-def taught(make_episode, small_config) -> tuple[WakeModel, Rows, Scaling, Config, Lessons]:
-    episodes = (make_episode("a", "train", 300, 1),)
+def taught(small_recording, small_config) -> tuple[WakeModel, Rows, Scaling, Config, Lessons]:
+    episodes = small_recording.episodes[:1]
     scaling = fit_scaling(episodes)
     rows = prepare(episodes, scaling, mirrored=True)
     config = replace(
