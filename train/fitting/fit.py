@@ -8,6 +8,7 @@ The default number of torch's threads is one. On a machine with other work, a st
 CPU time of one thread (measured). The number of threads changes the order of sums, and so the bytes of a trained model.
 """
 
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
@@ -18,7 +19,6 @@ from torch import Tensor, nn
 from contract.config.learning import TrainConfig
 from contract.config.tree import Config
 from contract.errors import ConfigError, TrainingError
-from train.fitting import unfinished
 from train.fitting.progress import Phase, Progress, silent
 from train.fitting.unfinished import Checkpoints, Reached
 from train.networks.model import WakeModel, joint_loss
@@ -103,7 +103,7 @@ def optimise(
             return
         if checkpoints is not None:
             # A run that continues from these checkpoints with unchanged settings would fail again.
-            unfinished.clear(checkpoints.folder)
+            shutil.rmtree(checkpoints.folder, ignore_errors=True)
         raise TrainingError(
             f"{phase.label}: the loss is not finite after {after} of {steps} iterations with "
             f"train.learning_rate = {settings.learning_rate:g}: choose a lower value; the paper uses 0.001"

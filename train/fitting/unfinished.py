@@ -129,10 +129,6 @@ def threads(folder: Path) -> tuple[int, ...]:
     return tuple(noted) if isinstance(noted, list) and all(isinstance(item, int) for item in noted) else ()
 
 
-def clear(folder: Path) -> None:
-    shutil.rmtree(folder, ignore_errors=True)
-
-
 def _label(folder: Path) -> dict[str, Any] | None:
     try:
         label = json.loads((folder / _LABEL).read_text(encoding="utf-8"))
@@ -164,7 +160,7 @@ class Checkpoints:
         checkpoints; otherwise they are removed. Raises as `check` does."""
         folder = folder_of(output)
         if not resume:
-            clear(folder)
+            shutil.rmtree(folder, ignore_errors=True)
         check(folder, identity)
         return cls(folder=folder, identity=identity)
 

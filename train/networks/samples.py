@@ -76,16 +76,16 @@ class Rows:
         actions: (n,) a_k.
         forces: (n, 2) Cd, Cl.
         lengths: rows of each episode, in order; the sum is n.
-        unit: (N,) global deviation of pressure in the unit of each sensor's column; None if the scaling is not known.
+        unit: (N,) global deviation of pressure in the unit of each sensor's column.
         layout: layout of the sensors, in the order of their columns.
-        names: names of each episode, in order; may be empty.
+        names: names of each episode, in order.
     """
 
     inputs: Tensor
     actions: Tensor
     forces: Tensor
     lengths: tuple[int, ...]
-    unit: Tensor | None = None
+    unit: Tensor
     layout: SensorLayout = TRUCK
     names: tuple[str, ...] = ()
 
@@ -94,10 +94,6 @@ class Rows:
         """N, the number of sensors."""
         return self.inputs.shape[1] - 1
 
-    def name_of(self, episode: int) -> str:
-        """Return the name of the episode with this number; the number itself if the names are not known."""
-        return self.names[episode] if self.names else str(episode)
-
     def to(self, device: torch.device) -> "Rows":
         """Return the rows in the memory of `device`."""
         return replace(
@@ -105,7 +101,7 @@ class Rows:
             inputs=self.inputs.to(device),
             actions=self.actions.to(device),
             forces=self.forces.to(device),
-            unit=None if self.unit is None else self.unit.to(device),
+            unit=self.unit.to(device),
         )
 
     def spans(self) -> Iterator[slice]:
@@ -130,17 +126,13 @@ class Rows:
         return replace(
             self,
             inputs=self.inputs[:, columns],
-            unit=None if self.unit is None else self.unit[columns[:-1]],
+            unit=self.unit[columns[:-1]],
             layout=self.layout.only(chosen),
         )
 
     def noise(self, level: float) -> Tensor:
         """Return the standard deviation of sensor noise in each sensor's column, (N,), for noise of `level` global
-        deviations; zero at level 0. Raises ConfigError if these rows have no global deviation."""
-        if self.unit is None:
-            if level:
-                raise ConfigError(f"sensor noise {level}: its unit is unknown, because these rows have no scaling")
-            return self.inputs.new_zeros(self.inputs.shape[1] - 1)
+        deviations."""
         return level * self.unit
 
 
@@ -208,7 +200,7 @@ class SegmentSampler:
         for number, length in enumerate(rows.lengths):
             if length < needed:
                 raise DatasetError(
-                    f"episode {rows.name_of(number)} has {length} steps, too short: a window of {window}, "
+                    f"episode {rows.names[number]} has {length} steps, too short: a window of {window}, "
                     f"{ahead} steps ahead and segments of {segment} need {needed}"
                 )
         self.samples = sum(length - needed + segment for length in rows.lengths)

@@ -128,7 +128,6 @@ def test_what_does_not_fit_is_refused_by_its_name():
         return {network: {**parts()[network], name: np.ones(shape)}}
 
     cases: list[tuple[dict[str, Any], str]] = [
-        ({"sensors": ("base_0", "base_8", "base_9")}, r"scaling\.pressure_mean: 2 values, must be 3"),
         (tensor("prior", "first", 6, 3, 2, 3), r"prior\.sums: shape"),
         (tensor("prior", "first", 4, 3, 2, 2), r"prior\.first: 4 variables, must be 6: one, slower, faster, "),
         (tensor("prior", "first", 3, 2, 2), r"prior\.first: shape \(3, 2, 2\), must have 4 axes"),
@@ -138,7 +137,6 @@ def test_what_does_not_fit_is_refused_by_its_name():
         (scaled(pressure_mean=(float("nan"), 0.0)), r"scaling\.pressure_mean"),
         (scaled(action_std=0.0), r"scaling\.action_std"),
         (scaled(force_std=(0.1, -1.0)), r"scaling\.force_std"),
-        (scaled(force_mean=(1.0,)), r"scaling\.force_mean"),
         (tensor("decoder", "input.weight", WIDTH, LATENT + 1), "decoder: latent size 3, but the encoder has 2"),
         (tensor("encoder", "lstm.weight_ih_l0", 4 * H, INPUTS + 2), r"lstm\.weight_ih_l0: 5 inputs, must be 3"),
         (tensor("dynamics", "gate.weight", 2, 2), r"dynamics\.gate\.weight: unknown tensor"),

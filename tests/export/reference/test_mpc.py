@@ -1,9 +1,7 @@
 """Properties of the control step that hold whatever the networks are.
 
 Many at once = one after the other, whatever the leading axes. A matrix product of many rows adds up in another order
-than that of one. In double precision, at these widths, that is 1e-15 a product and 1e-13 after a roll-out with its
-adjoint. Adam divides by a gradient plus 1e-8, so a plan may differ by more, where a gradient is small: by 1e-8 of the
-learning rate.
+than that of one. In double precision, at these widths, that is 1e-15 a product and 1e-13 after a roll-out.
 
 The prior's plan, and what the iterations make of it: nothing at a goal that it knows, the rest of one beyond.
 """
@@ -34,7 +32,6 @@ from export.reference.mpc import (
     cost_terms,
     evaluate,
     gradient,
-    optimise,
     predict,
     rollout,
     shift,
@@ -105,7 +102,6 @@ def draw(seed: int, shape: tuple[int, ...]):
 def test_every_function_acts_on_the_last_axes(shape, seed):
     program, (z, plan, before) = small(seed, weights=EVERY_TERM), draw(seed, shape)
     rng = np.random.default_rng(seed)
-    free = rng.integers(0, 2, (*shape, HORIZON)).astype(float)
     windows = np.array([random_window(program, rng) for _ in range(int(np.prod(shape)))]).reshape(*shape, 5, -1)
     weights = rng.uniform(0.1, 2.0, 8)
 
@@ -114,12 +110,11 @@ def test_every_function_acts_on_the_last_axes(shape, seed):
     forces = predict(program, z, plan)
     cost = cost_terms(forces, plan, before, program.mpc.drag_reference) @ weights
     slope = gradient(program, z, plan, before, weights)
-    optimised = optimise(program, z, plan, before, free, weights)
     assert encoded.shape == z.shape
     assert latents.shape == (*shape, HORIZON + 1, 3)
     assert forces.shape == (*shape, HORIZON, 2)
     assert cost.shape == shape
-    assert slope.shape == optimised.shape == plan.shape
+    assert slope.shape == plan.shape
     for i in np.ndindex(shape):
         one = (program, z[i], plan[i], float(before[i]))
         np.testing.assert_allclose(encoded[i], encode(program, windows[i]), **CLOSE)
@@ -127,7 +122,6 @@ def test_every_function_acts_on_the_last_axes(shape, seed):
         np.testing.assert_allclose(forces[i], evaluate(*one, weights).forces, **CLOSE)
         np.testing.assert_allclose(cost[i], evaluate(*one, weights).cost, **CLOSE)
         np.testing.assert_allclose(slope[i], gradient(*one, weights), **CLOSE)
-        np.testing.assert_allclose(optimised[i], optimise(*one, free[i], weights), rtol=0, atol=1e-10)
 
 
 def test_the_lstm_starts_at_zero_and_takes_one_row_at_a_time():

@@ -22,7 +22,7 @@ from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.controller.estimator import ESTIMATOR
-from contract.errors import BundleControllerError, BundleError, ExportError, StillwakeError
+from contract.errors import BundleControllerError, BundleError, ExportError
 from contract.model import model_folder
 from contract.model.model_folder import ModelFolder
 from contract.recording import dataset
@@ -47,14 +47,14 @@ from export.to_onnx.sensor_estimator import build_estimator
 from tests import foreign_plant
 from tests.conftest import model_of
 from tests.contract.controller.test_estimator import random_network
-from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
+from tests.foreign_plant import LIMIT, NAMES, PERIOD, POSITIONS
+from tests.train.conftest import LAYOUT
 from tests.untrained_model import untrained
 from train import model_store
 from train.networks.samples import fit_scaling
 
 pytestmark = pytest.mark.slow  # every lowering is built and gated
 
-LAYOUT = SensorLayout.of(NAMES, np.array(POSITIONS), base=[NAMES.index(name) for name in BASE], symmetric=False)
 MODEL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
 CONFIG = Config(
     flow=FlowConfig(control_period=PERIOD, action_limit=LIMIT), model=MODEL, mpc=MpcConfig(horizon=6, iterations=3)
@@ -223,17 +223,6 @@ def test_a_lowering_that_fails_its_gate_keeps_both_from_the_disk(export, tmp_pat
         with pytest.raises(ExportError, match="and reference differ by"):
             export(library=True, precision="float32")
         assert list(tmp_path.iterdir()) == [], broken
-
-
-def test_neither_is_written_where_one_place_holds_something_else(export, tmp_path):
-    for occupied in ("bundle", "c"):
-        (tmp_path / occupied).mkdir()
-        (tmp_path / occupied / "thesis.txt").write_text("years of work")
-        with pytest.raises(StillwakeError, match="holds other files; name another"):
-            export(library=True)
-        assert [item.name for item in tmp_path.rglob("*")] == [occupied, "thesis.txt"]
-        (tmp_path / occupied / "thesis.txt").unlink()
-        (tmp_path / occupied).rmdir()
 
 
 FIGURES = SensorEstimator(fast=((0.5,) * 4,) * 4, slow=((0.25,) * 4,) * 4)

@@ -46,7 +46,8 @@ def noise_rows(*lengths: int) -> Rows:
     """Episodes of white noise of unit variance in all columns."""
     total = sum(lengths)
     inputs = torch.randn(total, sensors.COUNT + 1, generator=torch.Generator().manual_seed(0))
-    return Rows(inputs=inputs, actions=torch.zeros(total), forces=torch.zeros(total, 2), lengths=lengths)
+    zeros, unit = torch.zeros(total), torch.ones(sensors.COUNT)
+    return Rows(inputs=inputs, actions=zeros, forces=torch.zeros(total, 2), lengths=lengths, unit=unit)
 
 
 @pytest.fixture
@@ -99,8 +100,7 @@ PEAKS = (12, 83, 55)
 
 def rows_of(pressure: np.ndarray) -> Rows:
     inputs = torch.from_numpy(np.column_stack([pressure, np.zeros(len(pressure))]).astype(np.float32))
-    zeros = torch.zeros(len(inputs))
-    return Rows(inputs=inputs, actions=zeros, forces=torch.zeros(len(inputs), 2), lengths=(len(inputs),))
+    return replace(noise_rows(len(inputs)), inputs=inputs)
 
 
 def test_pivots_are_the_peaks_of_disjoint_modes():
@@ -198,7 +198,6 @@ def test_too_few_windows_and_a_teacher_without_opinion_are_refused():
     teacher = listener((("upper_07", 0, 1.0),))
     with pytest.raises(DatasetError, match="5 windows, too few to fit and judge a student: must be at least 6"):
         ridge_student(teacher, noise_rows(36), seed=0)
-    still = noise_rows(60)
-    still = Rows(inputs=torch.zeros_like(still.inputs), actions=still.actions, forces=still.forces, lengths=(60,))
+    still = replace(noise_rows(60), inputs=torch.zeros(60, sensors.COUNT + 1))
     with pytest.raises(DatasetError, match="the same in all windows"):
         ridge_student(teacher, still, seed=0)

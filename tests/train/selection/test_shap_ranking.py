@@ -1,5 +1,7 @@
 """The ranking finds the sensors a model depends on, and agrees with Shapley values known exactly."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -8,7 +10,6 @@ from torch import Tensor, nn
 from contract import sensors
 from contract.config.learning import TrainConfig
 from train.networks.model import WakeModel
-from train.networks.samples import Rows
 from train.selection.shap_ranking import Ranking, rank, shap_scores
 
 
@@ -32,12 +33,7 @@ def draws(background: int, explained: int, samples: int, repeats: int = 1) -> Tr
 @pytest.mark.slow
 def test_scores_of_a_linear_encoder_are_its_shapley_values(rows):
     window, count = 4, 57
-    few = Rows(
-        inputs=rows.inputs[: count + window - 1],
-        actions=rows.actions[: count + window - 1],
-        forces=rows.forces[: count + window - 1],
-        lengths=(count + window - 1,),
-    )
+    few = replace(rows, inputs=rows.inputs[: count + window - 1], lengths=(count + window - 1,))
     encoder = Linear(window)
     # Every window is explained against every window, so only the choice of points on the paths is random.
     scores = shap_scores(encoder, few, draws(count, count, 300), 0)  # type: ignore[arg-type]
