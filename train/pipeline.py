@@ -155,7 +155,12 @@ def _choice(
     """Return the names of the chosen sensors, and a description of the choice."""
     settings = config.train
     if settings.selection == "shap":
-        ranking = _ranking(encoder, rows, config, checkpoints, progress)
+        state = checkpoints.load(Phase.RANK)
+        if state is None:
+            ranking = rank(encoder, rows, settings, progress=progress)
+            checkpoints.save(Phase.RANK, {"scores": torch.from_numpy(ranking.scores)})
+        else:
+            ranking = Ranking(scores=state["scores"].numpy(), names=rows.layout.names)
         return ranking.top(settings.sensors), SensorChoice.of_ranking(ranking)
     state = checkpoints.load(Phase.SELECT)
     if state is None:
@@ -166,15 +171,6 @@ def _choice(
     else:
         names = tuple(rows.layout.names[index] for index in state["order"].tolist())
     return names, SensorChoice(method=settings.selection, order=names)
-
-
-def _ranking(encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress) -> Ranking:
-    state = checkpoints.load(Phase.RANK)
-    if state is not None:
-        return Ranking(scores=state["scores"].numpy(), names=rows.layout.names)
-    ranking = rank(encoder, rows, config.train, progress=progress)
-    checkpoints.save(Phase.RANK, {"scores": torch.from_numpy(ranking.scores)})
-    return ranking
 
 
 def _listed(numbers: Iterable[int]) -> str:

@@ -95,7 +95,9 @@ def optimise(
         module.load_state_dict(state["module"])
         optimiser.load_state_dict(state["optimiser"])
         rate.load_state_dict(state["rate"])
-        _set_generators(state["generators"])
+        torch.set_rng_state(state["generators"]["cpu"])
+        if "cuda" in state["generators"] and torch.cuda.is_available():
+            torch.cuda.set_rng_state(state["generators"]["cuda"])
         first = state["step"]
 
     def check_finite(value: Tensor, after: int) -> None:
@@ -181,9 +183,3 @@ def _generators() -> dict[str, Tensor]:
     if torch.cuda.is_available():
         states["cuda"] = torch.cuda.get_rng_state()
     return states
-
-
-def _set_generators(states: Mapping[str, Tensor]) -> None:
-    torch.set_rng_state(states["cpu"])
-    if "cuda" in states and torch.cuda.is_available():
-        torch.cuda.set_rng_state(states["cuda"])

@@ -54,14 +54,6 @@ def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Sc
     )
 
 
-def unit_steps(scaling: Scaling, chosen: Index) -> Array:
-    """Return the global deviation divided by each chosen sensor's standard deviation, (N,). The global deviation is the
-    root mean square of all pressures' standard deviations (paper, appendix B)."""
-    std = np.array(scaling.pressure_std)
-    steps: Array = np.sqrt(np.square(std).mean()) / std[chosen]
-    return steps
-
-
 def _refuse_constant(name: str, values: Array) -> None:
     if np.ptp(values) == 0.0:
         raise DatasetError(f"{name} is constant at {values[0]:g} in all training episodes: nothing to learn from")
@@ -144,6 +136,7 @@ def prepare(episodes: Sequence[Episode], scaling: Scaling, *, mirrored: bool, la
         raise ConfigError("mirrored rows: these sensors have no mirror images")
     pressure_mean, pressure_std = np.array(scaling.pressure_mean), np.array(scaling.pressure_std)
     force_mean, force_std = np.array(scaling.force_mean), np.array(scaling.force_std)
+    global_deviation = np.sqrt(np.square(pressure_std).mean())  # (paper, appendix B)
     inputs, actions, forces = [], [], []
     for episode in episodes:
         pressure = (episode.series["Cp"] - pressure_mean) / pressure_std
@@ -164,7 +157,7 @@ def prepare(episodes: Sequence[Episode], scaling: Scaling, *, mirrored: bool, la
         actions=_joined(actions),
         forces=_joined(forces),
         lengths=tuple(len(rows) for rows in actions),
-        unit=torch.from_numpy(unit_steps(scaling, np.arange(len(layout))).astype(np.float32)),
+        unit=torch.from_numpy((global_deviation / pressure_std).astype(np.float32)),
         layout=layout,
         names=names,
     )

@@ -177,8 +177,8 @@ def test_the_networks_compute_what_the_trained_modules_do(directory, trained):
     rows = torch.tensor(np.column_stack([scaled, action / 0.04]), dtype=torch.float32)
     with torch.no_grad():
         z = trained.slim(rows[None])[0]
-        after = trained.deployed.dynamics(z, torch.tensor(0.05 / 0.04))
-        forces = trained.deployed.decoder(after).numpy() * trained.scaling.force_std + trained.scaling.force_mean
+        after = trained.teacher.dynamics(z, torch.tensor(0.05 / 0.04))
+        forces = trained.teacher.decoder(after).numpy() * trained.scaling.force_std + trained.scaling.force_mean
     found = encode(program, np.column_stack([pressure, action]))
     np.testing.assert_allclose(found, z.numpy(), atol=1e-5)
     found = step(program, found, np.array(0.05))

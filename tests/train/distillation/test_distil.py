@@ -60,7 +60,6 @@ def test_the_student_follows_a_frozen_teacher(prepared, small_config):
     # measured 0.07; a student that gives the mean scores 0.86
     assert error < 0.25
     assert latent_error(encode_all(teacher, test), encode_all(teacher, test)) == 0.0
-    assert not np.isnan(error)
 
 
 @pytest.mark.proofs  # trains for some seconds; test_distil.py stays
