@@ -70,12 +70,7 @@ def distil(
 
         def fit(phase: Phase, encode: Callable[[Tensor], Tensor], epochs: float, segment: int, batch_size: int) -> None:
             sampler = SegmentSampler(
-                slim_rows,
-                window=config.model.window,
-                ahead=0,
-                segment=segment,
-                batch_size=batch_size,
-                seed=settings.seed,
+                slim_rows, window=teacher.window, ahead=0, segment=segment, batch_size=batch_size, seed=settings.seed
             )
 
             def loss(step: int) -> dict[str, Tensor]:

@@ -89,11 +89,7 @@ class Rows:
     def to(self, device: torch.device) -> "Rows":
         """Return the rows in the memory of `device`."""
         return replace(
-            self,
-            inputs=self.inputs.to(device),
-            actions=self.actions.to(device),
-            forces=self.forces.to(device),
-            unit=self.unit.to(device),
+            self, **{name: getattr(self, name).to(device) for name in ("inputs", "actions", "forces", "unit")}
         )
 
     def spans(self) -> Iterator[slice]:

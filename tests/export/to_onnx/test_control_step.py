@@ -12,20 +12,19 @@ from contract.config.learning import ModelConfig
 from contract.errors import ExportError
 from examples.random_programs import random_program
 from export.int8 import rounded_to_nearest
-from export.program.controller_program import ControllerProgram, matrices
+from export.program.controller_program import matrices
 from export.to_onnx.control_step import build_controller
 from tests.export.release.test_judged import nodes_of
 
 SMALL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
 
 
-def as_it_is(program: ControllerProgram) -> ControllerProgram:
-    """In float32."""
-    return program
+LOWERINGS = (lambda program: program, rounded_to_nearest)
+"""In float32 and int8."""
 
 
 def test_the_opset_and_the_format_are_those_that_onnx_runtime_1_20_knows():
-    for lowered in (as_it_is, rounded_to_nearest):
+    for lowered in LOWERINGS:
         graph = build_controller(lowered(random_program(0, model=SMALL, prior_memory=24)))
         assert [(entry.domain, entry.version) for entry in graph.opset_import] == [("", 18)]
         assert graph.ir_version <= 10
@@ -63,7 +62,7 @@ def test_int8_weights_are_a_byte_each_and_dequantised_once():
 
 
 def test_values_that_float32_cannot_hold_are_refused():
-    for lowered in (as_it_is, rounded_to_nearest):
+    for lowered in LOWERINGS:
         program = random_program(0, model=SMALL)
         hidden = program.dynamics.hidden
         for layer in (
