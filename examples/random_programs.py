@@ -29,8 +29,7 @@ def random_program(
     norms are also random, so that no norm is the identity.
 
     Args:
-        model: widths of the networks and length of the window; None means the paper's values.
-        mpc: settings of the optimiser; None means the paper's values.
+        model, mpc: settings of the networks and of the optimiser; None means the paper's values.
         prior_memory: number of rows that the prior reads; 0 for no prior. The prior has five units, which read the
             speed, the goal, and the sums of the sensor pairs.
     """

@@ -48,11 +48,6 @@ class TrainedModel:
     layout: SensorLayout = TRUCK
     prior: Mapping[str, Array] | None = None
 
-    @property
-    def deployed(self) -> Predictor | WakeModel:
-        """The dynamics and decoder for the vehicle."""
-        return self.teacher if self.predictor is None else self.predictor
-
 
 def save(path: Path, model: TrainedModel) -> None:
     """Write the model folder, replacing an existing model. Raises StillwakeError if the folder cannot be written or

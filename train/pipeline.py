@@ -28,7 +28,7 @@ from train.model_store import TrainedModel
 from train.networks.model import Encoder, Predictor, WakeModel
 from train.networks.samples import Rows, fit_scaling, prepare
 from train.selection.methods import select, select_by_hand
-from train.selection.shap_ranking import GIVEN, Ranking, SensorChoice, ShapRanker, check_count, rank
+from train.selection.shap_ranking import GIVEN, Ranking, SensorChoice, check_count, rank
 
 THREADS: Final = "torch_threads"
 """Key in a model's `versions` for the number of torch's threads, or for all numbers that the training used."""
@@ -155,7 +155,12 @@ def _choice(
     """Return the names of the chosen sensors, and a description of the choice."""
     settings = config.train
     if settings.selection == "shap":
-        ranking = _ranking(encoder, rows, config, checkpoints, progress)
+        state = checkpoints.load(Phase.RANK)
+        if state is None:
+            ranking = rank(encoder, rows, settings, progress=progress)
+            checkpoints.save(Phase.RANK, {"scores": torch.from_numpy(ranking.scores)})
+        else:
+            ranking = Ranking(scores=state["scores"].numpy(), names=rows.layout.names)
         return ranking.top(settings.sensors), SensorChoice.of_ranking(ranking)
     state = checkpoints.load(Phase.SELECT)
     if state is None:
@@ -166,17 +171,6 @@ def _choice(
     else:
         names = tuple(rows.layout.names[index] for index in state["order"].tolist())
     return names, SensorChoice(method=settings.selection, order=names)
-
-
-def _ranking(encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress) -> Ranking:
-    settings, state = config.train, checkpoints.load(Phase.RANK)
-    if state is not None:
-        return Ranking(scores=state["scores"].numpy(), names=rows.layout.names)
-    ranking = rank(
-        ShapRanker.of(settings), encoder, rows, repeats=settings.shap_repeats, seed=settings.seed, progress=progress
-    )
-    checkpoints.save(Phase.RANK, {"scores": torch.from_numpy(ranking.scores)})
-    return ranking
 
 
 def _listed(numbers: Iterable[int]) -> str:

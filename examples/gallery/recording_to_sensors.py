@@ -74,10 +74,11 @@ print(f"in the held-out episode: R2 of drag {accuracy.drag.r2:.3f}, of lift {acc
 # The paper ranks sensors by their contribution to the latents: the mean absolute SHAP value over random windows. The
 # ranking is repeated with other random windows, to show how much it depends on them.
 
-from train.selection.shap_ranking import ShapRanker, rank
+from contract.config.learning import TrainConfig
+from train.selection.shap_ranking import rank
 
-ranker = ShapRanker(background=50, explained=25, samples=4)
-ranking = rank(ranker, trained.teacher.encoder, rows, repeats=3, seed=0)
+draws = TrainConfig(shap_background=50, shap_explained=25, shap_samples=4, shap_repeats=3)
+ranking = rank(trained.teacher.encoder, rows, draws)
 by_shap = ranking.top(4)
 print(f"best four by SHAP: {', '.join(by_shap)}")
 print(f"the same four in each of {len(ranking.scores)} draws: {ranking.is_stable(4)}")

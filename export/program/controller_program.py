@@ -54,7 +54,7 @@ class ControllerProgram:
     prior: PriorWeights | None = None
 
     def __post_init__(self) -> None:
-        _check_scaling(self.scaling, len(self.sensors))
+        _check_scaling(self.scaling)
         for other, latent in (("dynamics", self.dynamics.latent), ("decoder", self.decoder.latent)):
             if latent != self.encoder.latent:
                 raise ExportError(f"{other}: latent size {latent}, but the encoder has {self.encoder.latent}")
@@ -92,9 +92,7 @@ class ControllerProgram:
         return Sizes(window=self.window, sensors=len(self.sensors), horizon=self.mpc.horizon)
 
 
-def _check_scaling(scaling: Scaling, sensors: int) -> None:
-    for name, found, wanted in scaling.misfits(sensors):
-        raise ExportError(f"scaling.{name}: {found} values, must be {wanted}")
+def _check_scaling(scaling: Scaling) -> None:
     for name in ("pressure_mean", "pressure_std", "force_mean", "force_std"):
         values = np.asarray(getattr(scaling, name), dtype=np.float64)
         if not np.isfinite(values).all() or (name.endswith("_std") and not (values > 0).all()):
@@ -124,12 +122,7 @@ def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
 def matrices(program: ControllerProgram) -> dict[str, Array]:
     """Return every matrix, (outputs, inputs), by its name."""
     found: dict[str, Array] = {}
-
-    def keep(name: str, weight: Array) -> Array:
-        found[name] = weight
-        return weight
-
-    map_matrices(program, keep)
+    map_matrices(program, found.setdefault)
     return found
 
 

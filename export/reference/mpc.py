@@ -28,7 +28,6 @@ Where a term has a kink, its gradient is the subgradient that PyTorch uses: equa
 evenly, and |Cl| has slope 0 at 0.
 """
 
-from collections.abc import Iterable, Iterator
 from typing import Final
 
 import numpy as np
@@ -153,48 +152,28 @@ def optimise(
     weights: Array | None = None,
     limit: float | None = None,
 ) -> Array:
-    """Optimise a plan by `adam`, with the program's number of iterations and learning rate."""
-    rates = [program.mpc.learning_rate] * program.mpc.iterations
-    for optimised in adam(program, z, plan, previous_action, rates, free_mask=free_mask, weights=weights, limit=limit):
-        plan = optimised
-    return plan
-
-
-def adam(
-    program: ControllerProgram,
-    z: Array,
-    plan: Array,
-    previous_action: Array | float,
-    learning_rates: Iterable[Array | float],
-    *,
-    free_mask: Array | float = 1.0,
-    weights: Array | None = None,
-    limit: float | None = None,
-) -> Iterator[Array]:
-    """Run projected Adam on the free actions, starting from `plan`, and yield the plan after each iteration.
+    """Run projected Adam on the free actions, with the program's iterations and learning rate, from a plan (..., H).
 
     With gradient g, moments m and v, and constants b1 and b2, for i = 1, 2, ..:
     m <- b1 m + (1 - b1) g, v <- b2 v + (1 - b2) g^2,
     a <- clip(a - lr (m / (1 - b1^i)) / (sqrt(v / (1 - b2^i)) + eps)).
 
     Args:
-        learning_rates: lr of each iteration, either one number for all plans or one number per plan, (...,).
         free_mask: 1 where an action may be changed, 0 where it is committed.
         limit: bound on |a|; if it is None or larger than the program's bound, the program's bound applies.
     """
     beta1, beta2 = ADAM_BETAS
-    is_free, bound = np.asarray(free_mask) > 0.5, _bound(program, limit)
+    mpc, is_free, bound = program.mpc, np.asarray(free_mask) > 0.5, _bound(program, limit)
     start = plan
     m = np.zeros_like(plan)
     v = np.zeros_like(plan)
-    for i, learning_rate in enumerate(learning_rates, start=1):
+    for i in range(1, mpc.iterations + 1):
         g = gradient(program, z, plan, previous_action, weights, start)
         m = beta1 * m + (1.0 - beta1) * g
         v = beta2 * v + (1.0 - beta2) * g**2
-        direction = (m / (1.0 - beta1**i)) / (np.sqrt(v / (1.0 - beta2**i)) + program.mpc.epsilon)
-        moved = np.clip(plan - np.asarray(learning_rate)[..., None] * direction, -bound, bound)
-        plan = np.where(is_free, moved, plan)
-        yield plan
+        direction = (m / (1.0 - beta1**i)) / (np.sqrt(v / (1.0 - beta2**i)) + mpc.epsilon)
+        plan = np.where(is_free, np.clip(plan - mpc.learning_rate * direction, -bound, bound), plan)
+    return plan
 
 
 def _bound(program: ControllerProgram, limit: float | None) -> float:

@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from contract.arrays import Array
-from contract.controller.interface import CompileLibrary, ControlStep
+from contract.controller.interface import CompileLibrary
 from contract.release.manifest import WeightPrecision
 from contract.runtime.onnx_session import OnnxController
 from export.gates import (
     QUANTISATION_LIMITS,
+    Answer,
     Figures,
     check_lowering,
     check_quantisation,
@@ -104,49 +105,32 @@ def gate(
     `compiled` compiles the C library, and must be given if there is a C library. Raises ExportError, with difference
     and limit, if a lowering differs from the reference by more than its gate allows; LibraryError if the C library does
     not compile."""
-    # The exact control steps, which take longest to compute, are computed once for both lowerings.
-    exact = exact_answers(lowered.program.source, windows) if isinstance(lowered.program, RoundedProgram) else []
-    graph, library = _gate_graph(lowered, windows, exact, limits), None
-    if lowered.library is not None:
-        library = _gate_library(lowered, windows, exact, limits, compiled)
-        lowered = replace(lowered, library=with_answer(lowered.library, library.known_answer))
-    return Gated(lowered=lowered, graph=graph, library=library)
-
-
-def _gate_graph(
-    lowered: Lowered, windows: Sequence[Array], exact: Sequence[ControlStep], limits: Mapping[str, float]
-) -> GraphReport:
-    quantisation = None
-    if isinstance(lowered.program, RoundedProgram):
-        answer = partial(control_step, lowered.program.program)
-        quantisation = compare_answers(lowered.program.source, answer, windows, exact)
-        check_quantisation(quantisation, limits)
     program = lowered.effective
+    rounded = lowered.program if isinstance(lowered.program, RoundedProgram) else None
+    # The exact control steps, which take longest to compute, are computed once for both lowerings.
+    exact = [] if rounded is None else exact_answers(rounded.source, windows)
+
+    def quantisation(answer: Answer, name: str) -> Figures | None:
+        """Compare int8 weights with float weights; return None for a float program."""
+        if rounded is None:
+            return None
+        figures = compare_answers(rounded.source, answer, windows, exact)
+        check_quantisation(figures, limits, name=name)
+        return figures
+
+    by_weights = quantisation(partial(control_step, program), "int8 weights")
     parity = check_lowering(program, OnnxController(lowered.graph, program.sizes), "ONNX graph", windows)
-    return GraphReport(controller_bytes=len(lowered.graph), parity=parity, quantisation=quantisation)
-
-
-def _gate_library(
-    lowered: Lowered,
-    windows: Sequence[Array],
-    exact: Sequence[ControlStep],
-    limits: Mapping[str, float],
-    compiled: CompileLibrary | None,
-) -> LibraryReport:
-    if lowered.library is None or compiled is None:
-        raise ValueError("a library needs a compiler for its gate")
-    controller = compiled(lowered.library, lowered.effective.sizes)
-    parity, quantisation = None, None
-    if isinstance(lowered.program, RoundedProgram):
-        quantisation = compare_answers(lowered.program.source, controller.control_step, windows, exact)
-        check_quantisation(quantisation, limits, name="int8 C library")
-    else:
-        parity = check_lowering(lowered.effective, controller, "C library", windows)
-    replayed = replay(controller, windows, lowered.effective.mpc.horizon)
-    return LibraryReport(
-        parity=parity,
-        quantisation=quantisation,
+    graph = GraphReport(controller_bytes=len(lowered.graph), parity=parity, quantisation=by_weights)
+    if lowered.library is None:
+        return Gated(lowered=lowered, graph=graph, library=None)
+    assert compiled is not None
+    controller = compiled(lowered.library, program.sizes)
+    library = LibraryReport(
+        parity=check_lowering(program, controller, "C library", windows) if rounded is None else None,
+        quantisation=quantisation(controller.control_step, "int8 C library"),
         workspace_bytes=controller.workspace_bytes,
-        replayed=replayed,
+        replayed=replay(controller, windows, program.mpc.horizon),
         known_answer=controller.known_answer(),
     )
+    known = replace(lowered, library=with_answer(lowered.library, library.known_answer))
+    return Gated(lowered=known, graph=graph, library=library)

@@ -82,7 +82,7 @@ def calibration_windows(
     with the longest episode, if all episodes are too short."""
     held = {item.name: windows_in(len(item), program.window) for item in episodes}
     last = {
-        item.provenance.get("forcing_signal", f"of {item.name}"): item
+        str(item.provenance.get("forcing_signal", f"of {item.name}")): item
         for item in episodes
         if held[item.name] >= LEAST_CALIBRATION
     }.values()
@@ -275,8 +275,9 @@ def write_release(
     """
     lowered, program, about = gated.lowered, gated.lowered.effective, trained.description
     positions = about.layout.positions[about.layout.indices(program.sensors)]
-    # A prior that was trained for the design speed only, and a model without a prior, have no range of speeds.
-    refined = trained.config_tree.get("refine", {})
+    # A prior that was trained for the design speed only, and a model without a prior, have no range of speeds. The
+    # settings of a model without a prior may state a range if its training read one file of settings with `refine`.
+    refined = {} if program.prior is None else trained.config_tree.get("refine", {})
     slowest, fastest = refined.get("slowest", 1.0), refined.get("fastest", 1.0)
     training = {"metrics": about.metrics, "versions": about.versions, "config": trained.config_tree}
     manifest = Manifest(

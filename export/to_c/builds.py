@@ -56,12 +56,8 @@ class LibraryPart:
 
 
 def parts(files: Mapping[str, bytes]) -> tuple[LibraryPart, ...]:
-    """Return the parts of a library. Each part comes after the parts that it needs. Raises LibraryError if the library
-    has no settings.
-
-    Args:
-        files: all files of the library's folder by their paths.
-    """
+    """Return the parts of a library from all files of its folder by their paths. Each part comes after the parts that
+    it needs. Raises LibraryError if the library has no settings."""
     precision: WeightPrecision = "int8" if ProgramSettings.of(files).text("SW_PRECISION") == "int8" else "float32"
     step = {*library_sources(static_sources(precision)), PROGRAM_WEIGHTS, PROGRAM_SETTINGS}
     names: dict[str, list[str]] = {"controller": [], "ecu": []}

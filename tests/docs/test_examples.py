@@ -107,8 +107,8 @@ def test_a_selection_finds_the_sensors_that_the_forces_are_made_of():
     draws = np.random.default_rng(1).standard_normal((500, 91)).astype(np.float32)
     draws[:, 40] = draws[:, 12]
     forces = np.column_stack([3.0 * draws[:, 70], 2.0 * draws[:, 12] + draws[:, 33]])
-    inputs = torch.from_numpy(draws)
-    rows = Rows(inputs=inputs, actions=inputs[:, 90], forces=torch.from_numpy(forces), lengths=(500,))
+    inputs, actions, unit = torch.from_numpy(draws), torch.from_numpy(draws[:, 90]), torch.ones(90)
+    rows = Rows(inputs=inputs, actions=actions, forces=torch.from_numpy(forces), lengths=(500,), unit=unit)
     first, second, third = own_selection.select_by_forces(rows, 3)
     assert first == 70
     assert second in (12, 40)

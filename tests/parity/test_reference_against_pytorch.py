@@ -25,12 +25,7 @@ pytestmark = pytest.mark.slow  # seconds of whole control steps by autograd
 TOLERANCE = 1e-9
 
 
-@pytest.fixture(autouse=True)
-def one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
+torch.set_num_threads(1)
 
 
 def assert_same_step(program: ControllerProgram, case: ControlCase) -> None:

@@ -1,77 +1,23 @@
-"""A small forced wake with the truck's symmetry: quick to make, and known exactly."""
+"""A part of the shipped recording, and networks that train on it in seconds."""
 
-from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 import torch
 
-from contract import sensors
 from contract.config.learning import ModelConfig, TrainConfig
 from contract.config.tree import Config
+from contract.recording import dataset
 from contract.recording.dataset import Dataset, Episode, Role
+from contract.recording.episode import PlantFacts
+from contract.sensor_layout import SensorLayout
+from tests import foreign_plant
+from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 from train.networks.samples import Rows, fit_scaling, prepare
 
 # Small networks gain nothing from more, and workers that run beside each other lose.
 torch.set_num_threads(1)
-
-PERIOD = 0.2
-MakeEpisode = Callable[..., Episode]
-
-
-def stuart_landau(action: npt.NDArray[np.float64], start: complex) -> npt.NDArray[np.complex128]:
-    """Shedding at frequency 0.2 forced by the jets, sampled every control period; odd in (state, action)."""
-    substeps, state = 20, start
-    history = np.empty(len(action), dtype=np.complex128)
-    step = PERIOD / substeps
-    for k, a in enumerate(action):
-        history[k] = state
-        for _ in range(substeps):
-            rate = (0.3 + 2j * np.pi * 0.2) * state - (0.3 + 0.1j) * abs(state) ** 2 * state + 8.0 * a
-            state = state + step * rate
-    return history
-
-
-def observe(state: npt.NDArray[np.complex128], previous: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Cp (n, 90): waves that travel along the sides and across the base, odd ones and (at 2 f) even ones."""
-    x, y = sensors.TRUCK.positions.T
-    side = np.sign(y)
-    reach = np.exp((x - x.max()) / 2.0)
-    odd = np.real(state[:, None] * np.exp(-2j * x)) * side * np.abs(y) * reach
-    even = np.real(state[:, None] ** 2 * np.exp(-4j * x)) * 0.3 * reach
-    jet = previous[:, None] * side * np.exp((x - x.max()) * 8.0)
-    return -0.4 - 0.05 * x + odd + even + jet
-
-
-@pytest.fixture(scope="session")
-def make_episode() -> MakeEpisode:
-    """Build an episode: `make_episode(name, role, steps, seed)`; `forced=False` leaves the jets off."""
-
-    def make(name: str, role: Role, steps: int, seed: int, *, forced: bool = True) -> Episode:
-        generator = np.random.default_rng(seed)
-        t = PERIOD * np.arange(steps, dtype=np.float64)
-        phase = 2 * np.pi * np.cumsum(0.2 + 0.1 * np.sin(2 * np.pi * t / 37.0 + generator.uniform(0, 6))) * PERIOD
-        action = 0.06 * np.sin(phase) * (1 + 0.25 * np.sin(t / 9.0)) if forced else np.zeros(steps)
-        start = np.exp(1j * generator.uniform(0, 2 * np.pi))
-        state = stuart_landau(action, start)
-        previous = np.concatenate([[0.0], action[:-1]])
-        Cp = observe(state, previous) + 1e-3 * generator.standard_normal((steps, sensors.COUNT))
-        return Episode(
-            name=name,
-            role=role,
-            series={
-                "t": t,
-                "action": action,
-                "Cp": Cp,
-                "Cd": 1.0 + 0.2 * np.abs(state) ** 2 + 0.05 * np.real(state**2),
-                "Cl": np.real(state * np.exp(0.7j)),
-            },
-            initial_action=0.0,
-            provenance={"seed": seed},
-        )
-
-    return make
 
 
 @pytest.fixture(scope="session")
@@ -87,14 +33,31 @@ def small_config() -> Config:
 
 
 @pytest.fixture(scope="session")
-def small_recording(make_episode: MakeEpisode) -> Dataset:
-    """Two training episodes and a test episode, a few hundred steps."""
+def small_recording(short_recording: Path) -> Dataset:
+    """A forced and an unforced training episode and a test episode, 200 steps each."""
+    return dataset.read(short_recording)
+
+
+LAYOUT = SensorLayout.of(NAMES, np.array(POSITIONS), base=[NAMES.index(name) for name in BASE], symmetric=False)
+
+
+@pytest.fixture(scope="session")
+def foreign_recording() -> Dataset:
+    """Of the plant that is not the truck's."""
+
+    def episode(name: str, role: Role, steps: int, *, forced: bool = True) -> Episode:
+        values = foreign_plant.series(steps, steps, forced=forced)
+        return Episode(name=name, role=role, series=values, initial_action=0.0, provenance={})
+
     return Dataset(
         episodes=(
-            make_episode("waveform", "train", 300, 1),
-            make_episode("uncontrolled", "train", 80, 2, forced=False),
-            make_episode("chirp", "test", 200, 3),
-        )
+            episode("sweep", "train", 700),
+            episode("calm", "train", 150, forced=False),
+            episode("blink", "train", 20),
+            episode("held out", "test", 300),
+        ),
+        layout=LAYOUT,
+        facts=PlantFacts(control_period=PERIOD, action_limit=LIMIT),
     )
 
 

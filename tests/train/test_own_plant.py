@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
 
@@ -11,18 +10,14 @@ from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.recording import dataset
-from contract.recording.dataset import Dataset, Episode, Role
-from contract.recording.episode import PlantFacts
-from contract.sensor_layout import SensorLayout
-from tests import foreign_plant
-from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
+from tests.foreign_plant import LIMIT, NAMES, PERIOD
+from tests.train.conftest import LAYOUT
 from train import model_store
 from train.fitting.progress import Phase
 from train.networks.samples import fit_scaling, prepare
 from train.pipeline import train_all
 from train.selection.shap_ranking import SensorChoice
 
-LAYOUT = SensorLayout.of(NAMES, np.array(POSITIONS), base=[NAMES.index(name) for name in BASE], symmetric=False)
 CONFIG = Config(
     flow=FlowConfig(control_period=PERIOD, action_limit=LIMIT),
     model=ModelConfig(window=12, lstm_width=16, dynamics_width=24, decoder_width=16, dropout=0.0),
@@ -33,39 +28,22 @@ CONFIG = Config(
 )  # fmt: skip
 
 
-def episode(name: str, role: Role, steps: int, *, forced: bool = True) -> Episode:
-    values = foreign_plant.series(steps, steps, forced=forced)
-    return Episode(name=name, role=role, series=values, initial_action=0.0, provenance={})
-
-
-@pytest.fixture(scope="module")
-def recording() -> Dataset:
-    return Dataset(
-        episodes=(
-            episode("sweep", "train", 700),
-            episode("calm", "train", 150, forced=False),
-            episode("blink", "train", 20),
-            episode("held out", "test", 300),
-        ),
-        layout=LAYOUT,
-        facts=PlantFacts(control_period=PERIOD, action_limit=LIMIT),
-    )
-
-
-def test_without_mirror_images_scaling_is_that_of_the_recording_alone(recording):
-    episodes = recording.with_role("train")
+def test_without_mirror_images_scaling_is_that_of_the_recording_alone(foreign_recording):
+    episodes = foreign_recording.with_role("train")
     rows = prepare(episodes, fit_scaling(episodes, LAYOUT), mirrored=False, layout=LAYOUT)
     assert rows.inputs.shape == (870, 8)
     torch.testing.assert_close(rows.inputs[:, :7].mean(dim=0), torch.zeros(7), rtol=0, atol=1e-5)
     # An action is not shifted: none stays zero.
     assert rows.actions[-100:-20].abs().max() == 0.0
     with pytest.raises(ConfigError, match="no mirror images"):
-        prepare(recording.episodes, fit_scaling(recording.episodes, LAYOUT), mirrored=True, layout=LAYOUT)
+        prepare(
+            foreign_recording.episodes, fit_scaling(foreign_recording.episodes, LAYOUT), mirrored=True, layout=LAYOUT
+        )
 
 
 @pytest.mark.slow  # a whole training
-def test_a_model_of_it_predicts_its_forces_and_keeps_its_layout_and_the_choice_of_sensors(recording, tmp_path):
-    dataset.write(tmp_path / "my.h5", recording)
+def test_a_model_of_it_predicts_its_forces_and_keeps_its_layout_and_the_choice_of_sensors(foreign_recording, tmp_path):
+    dataset.write(tmp_path / "my.h5", foreign_recording)
     lines, phases = list[str](), set[Phase]()
     said: dict[str, Any] = {"notice": lines.append, "progress": lambda phase, *_: phases.add(phase)}
     trained = train_all(tmp_path / "my.h5", CONFIG, tmp_path / "model", **said)

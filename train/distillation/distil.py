@@ -11,7 +11,6 @@ import torch
 from torch import Tensor
 
 from contract.arrays import Index
-from contract.config.learning import TrainConfig
 from contract.config.tree import Config
 from contract.recording.needs import STRETCH as STRETCH
 from train.fitting.fit import optimise, seeded
@@ -39,6 +38,11 @@ def encode_all(encoder: Encoder, rows: Rows) -> Tensor:
         return torch.cat(parts)
 
 
+_MORE = 8
+"""Ratio of the batch size on a stream to the batch size on windows. It is larger than 1 because neighbouring latents
+are similar, and additional latents of a stream cost little."""
+
+
 def distil(
     teacher: Encoder,
     rows: Rows,
@@ -49,65 +53,37 @@ def distil(
     checkpoints: Checkpoints | None = None,
 ) -> Encoder:
     """Train an encoder to reproduce the teacher's latents. `chosen` (N,) are the sensors that it reads, in order;
-    `rows` have all sensors' columns. The first passes read the recording as a stream, where 64 latents take little more
-    time than the latent of one window. The later passes read windows, as on the vehicle. Returns the slim encoder in
-    evaluation mode, on the device of `rows`."""
+    `rows` have all sensors' columns. Returns the slim encoder in evaluation mode, on the device of `rows`. Raises
+    DatasetError if an episode is too short for a window and, with `train.stream_epochs`, a sequence of `STRETCH` rows.
+
+    The first passes read the recording as a stream (this project's method), which has one LSTM step for each sample
+    instead of L steps, because the LSTM's state is not reset. Training reads sequences of L - 1 + `STRETCH` rows from a
+    zero state and uses the last `STRETCH` latents. The encoder then also reads windows well, so these cheap passes
+    prepare the later passes, which read windows, as on the vehicle.
+    """
     settings, device = config.train, rows.inputs.device
     target = encode_all(teacher, rows)
     slim_rows = rows.with_sensors(chosen)
-    # Windows are drawn independently. Overlapping windows could share computations, but would save no time here,
-    # because there is no unroll and there are few inputs.
-    sampler = SegmentSampler(
-        slim_rows, window=config.model.window, ahead=0, segment=1, batch_size=settings.batch_size, seed=settings.seed
-    )
+    noise = slim_rows.noise(settings.sensor_noise)
     with seeded(settings.seed, device):
         slim = Encoder(len(chosen), config.model).to(device)
+
+        def fit(phase: Phase, encode: Callable[[Tensor], Tensor], epochs: float, segment: int, batch_size: int) -> None:
+            sampler = SegmentSampler(
+                slim_rows, window=teacher.window, ahead=0, segment=segment, batch_size=batch_size, seed=settings.seed
+            )
+
+            def loss(step: int) -> dict[str, Tensor]:
+                batch = add_sensor_noise(sampler.batch(step), noise)
+                return {"total": prediction_loss(encode(batch.inputs), target[batch.ends])}
+
+            optimise(
+                slim, loss, sampler.steps(epochs), settings, phase=phase, progress=progress, checkpoints=checkpoints
+            )
+
         if settings.stream_epochs:
-            fit_stream(slim, target, slim_rows, config, progress=progress, checkpoints=checkpoints)
-        loss, steps = _loss(slim.encode_segments, target, sampler, settings), sampler.steps(settings.distil_epochs)
-        optimise(slim, loss, steps, settings, phase=Phase.DISTIL, progress=progress, checkpoints=checkpoints)
+            fit(Phase.STREAM, slim.encode_stream, settings.stream_epochs, STRETCH, settings.batch_size * _MORE)
+        # Windows are drawn independently. Overlapping windows could share computations, but would save no time here,
+        # because there is no unroll and there are few inputs.
+        fit(Phase.DISTIL, slim.encode_segments, settings.distil_epochs, 1, settings.batch_size)
     return slim
-
-
-def _loss(
-    encode: Callable[[Tensor], Tensor], target: Tensor, sampler: SegmentSampler, settings: TrainConfig
-) -> Callable[[int], dict[str, Tensor]]:
-    """Return the function that computes the loss of each step, with noise on the sensors."""
-    noise = sampler.rows.noise(settings.sensor_noise)
-
-    def loss(step: int) -> dict[str, Tensor]:
-        batch = add_sensor_noise(sampler.batch(step), noise)
-        return {"total": prediction_loss(encode(batch.inputs), target[batch.ends])}
-
-    return loss
-
-
-_MORE = 8
-"""Ratio of the batch size on a stream to the batch size on windows. It is larger than 1 because neighbouring latents
-are similar, and additional latents of a stream cost little."""
-
-
-def fit_stream(
-    student: Encoder,
-    target: Tensor,
-    rows: Rows,
-    config: Config,
-    *,
-    progress: Progress = silent,
-    checkpoints: Checkpoints | None = None,
-) -> None:
-    """Train an encoder in place to reproduce the latents `target` (n, N_z) (this project's method). `rows` have the
-    encoder's sensors and are read as a stream, `config.train.stream_epochs` times. Call this function inside
-    `train.fitting.fit.seeded`. Raises DatasetError if an episode is too short for a window and a sequence of `STRETCH`
-    rows.
-
-    A stream has one LSTM step for each sample instead of L steps, because the LSTM's state is not reset. Training reads
-    sequences of L - 1 + `STRETCH` rows from a zero state and uses the last `STRETCH` latents. The encoder then also
-    reads windows well, so this cheap training prepares the training on windows.
-    """
-    settings, window = config.train, config.model.window
-    sampler = SegmentSampler(
-        rows, window=window, ahead=0, segment=STRETCH, batch_size=settings.batch_size * _MORE, seed=settings.seed
-    )
-    loss, steps = _loss(student.encode_stream, target, sampler, settings), sampler.steps(settings.stream_epochs)
-    optimise(student, loss, steps, settings, phase=Phase.STREAM, progress=progress, checkpoints=checkpoints)

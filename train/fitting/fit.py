@@ -8,6 +8,7 @@ The default number of torch's threads is one. On a machine with other work, a st
 CPU time of one thread (measured). The number of threads changes the order of sums, and so the bytes of a trained model.
 """
 
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
@@ -18,7 +19,6 @@ from torch import Tensor, nn
 from contract.config.learning import TrainConfig
 from contract.config.tree import Config
 from contract.errors import ConfigError, TrainingError
-from train.fitting import unfinished
 from train.fitting.progress import Phase, Progress, silent
 from train.fitting.unfinished import Checkpoints, Reached
 from train.networks.model import WakeModel, joint_loss
@@ -95,7 +95,9 @@ def optimise(
         module.load_state_dict(state["module"])
         optimiser.load_state_dict(state["optimiser"])
         rate.load_state_dict(state["rate"])
-        _set_generators(state["generators"])
+        torch.set_rng_state(state["generators"]["cpu"])
+        if "cuda" in state["generators"] and torch.cuda.is_available():
+            torch.cuda.set_rng_state(state["generators"]["cuda"])
         first = state["step"]
 
     def check_finite(value: Tensor, after: int) -> None:
@@ -103,7 +105,7 @@ def optimise(
             return
         if checkpoints is not None:
             # A run that continues from these checkpoints with unchanged settings would fail again.
-            unfinished.clear(checkpoints.folder)
+            shutil.rmtree(checkpoints.folder, ignore_errors=True)
         raise TrainingError(
             f"{phase.label}: the loss is not finite after {after} of {steps} iterations with "
             f"train.learning_rate = {settings.learning_rate:g}: choose a lower value; the paper uses 0.001"
@@ -181,9 +183,3 @@ def _generators() -> dict[str, Tensor]:
     if torch.cuda.is_available():
         states["cuda"] = torch.cuda.get_rng_state()
     return states
-
-
-def _set_generators(states: Mapping[str, Tensor]) -> None:
-    torch.set_rng_state(states["cpu"])
-    if "cuda" in states and torch.cuda.is_available():
-        torch.cuda.set_rng_state(states["cuda"])

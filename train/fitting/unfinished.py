@@ -40,11 +40,12 @@ class Identity:
     ) -> "Identity":
         """Return the identity of a training on the device "cpu" or "cuda"; `chosen` are the names of the sensors, if
         the caller chose them."""
+        of_lessons = {"weights": asdict(config.mpc.weights), "action_limit": config.flow.action_limit}
         settings = {
             "model": asdict(config.model),
             "train": asdict(config.train),
             "horizon": config.mpc.horizon,
-            **({"weights": asdict(config.mpc.weights)} if config.model.is_slimmed else {}),
+            **(of_lessons if config.model.is_slimmed else {}),
             "device": device,
             "chosen": None if chosen is None else list(chosen),
         }
@@ -128,10 +129,6 @@ def threads(folder: Path) -> tuple[int, ...]:
     return tuple(noted) if isinstance(noted, list) and all(isinstance(item, int) for item in noted) else ()
 
 
-def clear(folder: Path) -> None:
-    shutil.rmtree(folder, ignore_errors=True)
-
-
 def _label(folder: Path) -> dict[str, Any] | None:
     try:
         label = json.loads((folder / _LABEL).read_text(encoding="utf-8"))
@@ -163,7 +160,7 @@ class Checkpoints:
         checkpoints; otherwise they are removed. Raises as `check` does."""
         folder = folder_of(output)
         if not resume:
-            clear(folder)
+            shutil.rmtree(folder, ignore_errors=True)
         check(folder, identity)
         return cls(folder=folder, identity=identity)
 

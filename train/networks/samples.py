@@ -54,14 +54,6 @@ def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Sc
     )
 
 
-def unit_steps(scaling: Scaling, chosen: Index) -> Array:
-    """Return the global deviation divided by each chosen sensor's standard deviation, (N,). The global deviation is the
-    root mean square of all pressures' standard deviations (paper, appendix B)."""
-    std = np.array(scaling.pressure_std)
-    steps: Array = np.sqrt(np.square(std).mean()) / std[chosen]
-    return steps
-
-
 def _refuse_constant(name: str, values: Array) -> None:
     if np.ptp(values) == 0.0:
         raise DatasetError(f"{name} is constant at {values[0]:g} in all training episodes: nothing to learn from")
@@ -76,16 +68,16 @@ class Rows:
         actions: (n,) a_k.
         forces: (n, 2) Cd, Cl.
         lengths: rows of each episode, in order; the sum is n.
-        unit: (N,) global deviation of pressure in the unit of each sensor's column; None if the scaling is not known.
+        unit: (N,) global deviation of pressure in the unit of each sensor's column.
         layout: layout of the sensors, in the order of their columns.
-        names: names of each episode, in order; may be empty.
+        names: names of each episode, in order.
     """
 
     inputs: Tensor
     actions: Tensor
     forces: Tensor
     lengths: tuple[int, ...]
-    unit: Tensor | None = None
+    unit: Tensor
     layout: SensorLayout = TRUCK
     names: tuple[str, ...] = ()
 
@@ -94,18 +86,10 @@ class Rows:
         """N, the number of sensors."""
         return self.inputs.shape[1] - 1
 
-    def name_of(self, episode: int) -> str:
-        """Return the name of the episode with this number; the number itself if the names are not known."""
-        return self.names[episode] if self.names else str(episode)
-
     def to(self, device: torch.device) -> "Rows":
         """Return the rows in the memory of `device`."""
         return replace(
-            self,
-            inputs=self.inputs.to(device),
-            actions=self.actions.to(device),
-            forces=self.forces.to(device),
-            unit=None if self.unit is None else self.unit.to(device),
+            self, **{name: getattr(self, name).to(device) for name in ("inputs", "actions", "forces", "unit")}
         )
 
     def spans(self) -> Iterator[slice]:
@@ -130,17 +114,13 @@ class Rows:
         return replace(
             self,
             inputs=self.inputs[:, columns],
-            unit=None if self.unit is None else self.unit[columns[:-1]],
+            unit=self.unit[columns[:-1]],
             layout=self.layout.only(chosen),
         )
 
     def noise(self, level: float) -> Tensor:
         """Return the standard deviation of sensor noise in each sensor's column, (N,), for noise of `level` global
-        deviations; zero at level 0. Raises ConfigError if these rows have no global deviation."""
-        if self.unit is None:
-            if level:
-                raise ConfigError(f"sensor noise {level}: its unit is unknown, because these rows have no scaling")
-            return self.inputs.new_zeros(self.inputs.shape[1] - 1)
+        deviations."""
         return level * self.unit
 
 
@@ -152,6 +132,7 @@ def prepare(episodes: Sequence[Episode], scaling: Scaling, *, mirrored: bool, la
         raise ConfigError("mirrored rows: these sensors have no mirror images")
     pressure_mean, pressure_std = np.array(scaling.pressure_mean), np.array(scaling.pressure_std)
     force_mean, force_std = np.array(scaling.force_mean), np.array(scaling.force_std)
+    global_deviation = np.sqrt(np.square(pressure_std).mean())  # (paper, appendix B)
     inputs, actions, forces = [], [], []
     for episode in episodes:
         pressure = (episode.series["Cp"] - pressure_mean) / pressure_std
@@ -172,7 +153,7 @@ def prepare(episodes: Sequence[Episode], scaling: Scaling, *, mirrored: bool, la
         actions=_joined(actions),
         forces=_joined(forces),
         lengths=tuple(len(rows) for rows in actions),
-        unit=torch.from_numpy(unit_steps(scaling, np.arange(len(layout))).astype(np.float32)),
+        unit=torch.from_numpy((global_deviation / pressure_std).astype(np.float32)),
         layout=layout,
         names=names,
     )
@@ -208,7 +189,7 @@ class SegmentSampler:
         for number, length in enumerate(rows.lengths):
             if length < needed:
                 raise DatasetError(
-                    f"episode {rows.name_of(number)} has {length} steps, too short: a window of {window}, "
+                    f"episode {rows.names[number]} has {length} steps, too short: a window of {window}, "
                     f"{ahead} steps ahead and segments of {segment} need {needed}"
                 )
         self.samples = sum(length - needed + segment for length in rows.lengths)

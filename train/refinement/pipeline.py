@@ -195,8 +195,6 @@ def _with_sensors(
 
 PREDICTOR_RIDGE: Final = 1e-6
 """Ridge of the regression, relative to the mean squares of the regressors."""
-_CHUNK: Final = 20_000
-"""Number of rows of regressors in memory at a time."""
 
 
 def are_pairs(layout: SensorLayout, sensors: Sequence[str]) -> bool:
@@ -247,12 +245,11 @@ def predictor(stretches: Sequence[Array], memory: int) -> Array:
         raise StillwakeError(f"{steps} control steps are too few to fit {size} coefficients: must be at least {size}")
     gram, moment = np.zeros((size, size)), np.zeros((size, columns - 1))
     for rows in stretches:
-        for start in range(0, max(0, len(rows) - memory), _CHUNK):
-            part = rows[start : start + _CHUNK + memory]
-            windows = np.lib.stride_tricks.sliding_window_view(part, memory, axis=0)[:-1]
+        if len(rows) > memory:
+            windows = np.lib.stride_tricks.sliding_window_view(rows, memory, axis=0)[:-1]
             regressors = windows.transpose(0, 2, 1).reshape(len(windows), -1)
             gram += regressors.T @ regressors
-            moment += regressors.T @ part[memory:, :-1]
+            moment += regressors.T @ rows[memory:, :-1]
     scale = np.sqrt(np.diag(gram) / steps)
     if not (scale > 0).all():
         raise StillwakeError(f"column {int(np.flatnonzero(scale == 0)[0]) % columns} of the rows is zero throughout")

@@ -123,10 +123,13 @@ def differentiate(flow: DifferentiableFlow, task: Task) -> Stretch:
     speeds, readings = task.speeds, task.readings
     run = closed_loop(flow, task.feedback, task.stream, readings, speeds=speeds, action_limit=task.action_limit)
     _go_back(flow, run, task.price, readings.told)
+    past = speeds[:-1].tolist()
+    # The number of resampled rows depends on the speeds.
+    count = len(places(past, len(past) * ceil(max(past))).newer)
     return Stretch(
         Cd=float(np.mean([one.Cd for one in run.seen[1:]])),
         abs_Cl=float(np.mean([abs(one.Cl) for one in run.seen[1:]])),
-        rows=_stretch_read(run.true_rows, speeds[:-1]),
+        rows=np.asarray(read(torch.from_numpy(run.true_rows), past, count)),
         periods=len(run.actions),
         off_design=float(np.abs(speeds - 1.0).max()),
     )
@@ -230,12 +233,6 @@ def _followed(rows: Tensor, speeds: Sequence[float]) -> Tensor:
         weights[k, :k] = (1.0 - share) * weights[k - 1, :k]
         weights[k, k] = share
     return torch.cat([torch.from_numpy(weights) @ rows[:, :-1], rows[:, -1:]], dim=1)
-
-
-def _stretch_read(rows: Array, speeds: Array) -> Array:
-    """Resample a stretch's rows; the number of resampled rows depends on the speeds."""
-    steps = len(places(speeds.tolist(), len(rows) * ceil(speeds.max())).newer)
-    return np.asarray(read(torch.from_numpy(rows), speeds.tolist(), steps))
 
 
 def _go_back(flow: DifferentiableFlow, run: ClosedLoop, price: Price, told: Array) -> None:

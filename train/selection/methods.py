@@ -13,7 +13,7 @@ products of all lags, which are computed once; the error of a choice needs only 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import Final, get_args
+from typing import Final
 
 import numpy as np
 import scipy.linalg
@@ -27,7 +27,7 @@ from contract.sensors import TRUCK
 from train.fitting.progress import Phase, Progress, silent
 from train.networks.model import Encoder
 from train.networks.samples import Rows
-from train.selection.shap_ranking import ShapRanker, check_count, rank
+from train.selection.shap_ranking import check_count
 
 STRIDE: Final = 4
 """Distance between two lags, in rows: 0.8 t_c. A shedding cycle has about 6 lags, and a window of 32 rows has 8."""
@@ -123,7 +123,6 @@ def ridge_student(encoder: Encoder, rows: Rows, seed: int, sensor_noise: float =
     )
 
 
-METHODS: Final[tuple[SelectionMethod, ...]] = get_args(SelectionMethod)
 RANDOM_DRAWS: Final = 64
 """Number of random choices that "random" compares."""
 
@@ -215,18 +214,12 @@ def select(
 ) -> tuple[str, ...]:
     """Return the names of the chosen sensors, in the method's order, from rows with all sensors' columns.
 
-    "shap": one repeat of the paper's ranking. "qr": pivots of the pressures' POD modes. "greedy": forward selection
-    with the ridge student. "random": the best of `RANDOM_DRAWS` choices according to the ridge student. "hand": by
-    position alone. The method uses only the seed and, for "shap", the numbers of draws from the settings. Raises
-    ConfigError for an unknown method, too few sensors, or "hand" if the sensors have no mirror images or no base;
-    DatasetError if `rows` has too few windows.
+    "qr": pivots of the pressures' POD modes. "greedy": forward selection with the ridge student. "random": the best of
+    `RANDOM_DRAWS` choices according to the ridge student. "hand": by position alone. The ranking of "shap" is
+    `train.selection.shap_ranking`. The method uses only seed and noise from the settings. Raises ConfigError for too
+    few sensors, or "hand" if the sensors have no mirror images or no base; DatasetError if `rows` has too few windows.
     """
-    if method not in METHODS:
-        raise ConfigError(f"unknown selection method {method!r}: use {', '.join(METHODS)}")
     check_count(count, rows.sensors)
-    if method == "shap":
-        ranker = ShapRanker.of(settings)
-        return rank(ranker, encoder, rows, repeats=1, seed=settings.seed, progress=progress).top(count)
     if method == "qr":
         chosen = select_qr(rows, count)
     elif method == "hand":

@@ -87,7 +87,7 @@ class SensorChoice:
     """The chosen sensors and the method. For methods other than SHAP, all fields except `method` and `order` are None.
 
     Attributes:
-        method: "shap.GradientExplainer", another of `train.selection.methods.METHODS`, or "given".
+        method: "shap.GradientExplainer", another `contract.config.learning.SelectionMethod`, or "given".
         repeats: number of repeats of the ranking.
         order: names of sensors: for SHAP the names of all sensors, best first; for the other methods the chosen names.
         mean, std: (N,) mean and standard deviation of the N sensors' scores over the repeats.
@@ -119,74 +119,55 @@ class SensorChoice:
         )
 
 
-def rank(
-    ranker: "ShapRanker", encoder: Encoder, rows: Rows, *, repeats: int, seed: int, progress: Progress = silent
-) -> Ranking:
-    """Score the sensors `repeats` times with independent draws, and store every score."""
+def rank(encoder: Encoder, rows: Rows, settings: TrainConfig, *, progress: Progress = silent) -> Ranking:
+    """Score the sensors `train.shap_repeats` times with independent draws, and store every score. Raises DatasetError
+    as `shap_scores` does."""
     scores = []
-    for repeat in range(repeats):
+    for repeat in range(settings.shap_repeats):
         # The seeds are derived by a hash, because runs with neighbouring seeds must not share draws.
-        draw = int(np.random.SeedSequence((seed, repeat)).generate_state(1)[0])
-        scores.append(ranker(encoder, rows, draw))
-        progress(Phase.RANK, repeat + 1, repeats, {})
+        draw = int(np.random.SeedSequence((settings.seed, repeat)).generate_state(1)[0])
+        scores.append(shap_scores(encoder, rows, settings, draw))
+        progress(Phase.RANK, repeat + 1, settings.shap_repeats, {})
     return Ranking(scores=np.stack(scores), names=rows.layout.names)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShapRanker:
-    """A function that returns scores (N,) of N sensors; a higher score means a more important sensor. Scores are |SHAP|
-    by expected gradients (`shap.GradientExplainer`), summed over the latents and averaged over the explained windows
-    and the window's rows. The action's column is explained too, but left out of the scores.
+def shap_scores(encoder: Encoder, rows: Rows, settings: TrainConfig, seed: int) -> Array:
+    """Return scores (N,) of N sensors from windows drawn without replacement; a higher score means a more important
+    sensor. Scores are |SHAP| by expected gradients (`shap.GradientExplainer`), summed over the latents and averaged
+    over the explained windows and the window's rows. The action's column is explained too, but left out of the scores.
+    Raises DatasetError for too few windows."""
+    generator = np.random.default_rng(seed)
+    background = _draw(rows, encoder.window, settings.shap_background, "background", generator)
+    explained = _draw(rows, encoder.window, settings.shap_explained, "explanation", generator)
+    # Only gradients with respect to inputs are needed. In a frozen copy, gradients of the weights are not computed.
+    packed = _Packed(copy.deepcopy(encoder).requires_grad_(False))
+    total = np.zeros(explained.shape[2])
+    full = len(explained) // _PACK * _PACK
+    for packs in (explained[:full].view(-1, _PACK, *explained.shape[1:]), explained[full:][None]):
+        if packs.numel():
+            total += _magnitude(packed, background, packs, settings.shap_samples, generator)
+    scores: Array = total[: rows.sensors] / (len(explained) * encoder.window)
+    return scores
 
-    Attributes:
-        background: number of windows that represent the typical input.
-        explained: number of windows that are explained.
-        samples: number of points on the paths from the background to each explained window.
-    """
 
-    background: int
-    explained: int
-    samples: int
+def _magnitude(
+    packed: "_Packed", background: Tensor, packs: Tensor, samples: int, generator: np.random.Generator
+) -> Array:
+    """Return the sum of |SHAP| over packs, windows, rows and latents, (F,), for packs (P, M, L, F). `samples` is the
+    number of points on the paths from the background to each explained window."""
+    # shap is imported here, because shap takes longer to load than torch, and no other selection method needs shap.
+    import shap
 
-    @classmethod
-    def of(cls, settings: TrainConfig) -> "ShapRanker":
-        """Build the ranker from the numbers of draws in the settings."""
-        return cls(
-            background=settings.shap_background, explained=settings.shap_explained, samples=settings.shap_samples
-        )
-
-    def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Array:
-        """Return scores (N,) from windows drawn without replacement; raises DatasetError for too few windows."""
-        generator = np.random.default_rng(seed)
-        background = _draw(rows, encoder.window, self.background, "background", generator)
-        explained = _draw(rows, encoder.window, self.explained, "explanation", generator)
-        # Only gradients with respect to inputs are needed. In a frozen copy, gradients of the weights are not computed.
-        packed = _Packed(copy.deepcopy(encoder).requires_grad_(False))
-        total = np.zeros(explained.shape[2])
-        full = len(explained) // _PACK * _PACK
-        if full:
-            packs = explained[:full].view(-1, _PACK, *explained.shape[1:])
-            total += self._magnitude(packed, background, packs, generator)
-        if full < len(explained):
-            total += self._magnitude(packed, background, explained[full:][None], generator)
-        scores: Array = total[: rows.sensors] / (len(explained) * encoder.window)
-        return scores
-
-    def _magnitude(self, packed: "_Packed", background: Tensor, packs: Tensor, generator: np.random.Generator) -> Array:
-        """Return the sum of |SHAP| over packs, windows, rows and latents, (F,), for packs (P, M, L, F)."""
-        # shap is imported here, because shap takes longer to load than torch, and no other selection method needs shap.
-        import shap
-
-        # Every position in a pack is combined with every background window, in its own random order.
-        order = np.stack([generator.permutation(len(background)) for _ in range(packs.shape[1])], axis=1)
-        explainer = shap.GradientExplainer(packed, background[torch.as_tensor(order)], batch_size=_BATCH)
-        state = np.random.get_state()  # shap seeds numpy's global generator
-        try:
-            values = explainer.shap_values(packs, nsamples=self.samples, rseed=int(generator.integers(2**31)))
-        finally:
-            np.random.set_state(state)
-        magnitude: Array = np.abs(values).sum(axis=(0, 1, 2, 4))
-        return magnitude
+    # Every position in a pack is combined with every background window, in its own random order.
+    order = np.stack([generator.permutation(len(background)) for _ in range(packs.shape[1])], axis=1)
+    explainer = shap.GradientExplainer(packed, background[torch.as_tensor(order)], batch_size=_BATCH)
+    state = np.random.get_state()  # shap seeds numpy's global generator
+    try:
+        values = explainer.shap_values(packs, nsamples=samples, rseed=int(generator.integers(2**31)))
+    finally:
+        np.random.set_state(state)
+    magnitude: Array = np.abs(values).sum(axis=(0, 1, 2, 4))
+    return magnitude
 
 
 _PACK = 25
@@ -207,6 +188,9 @@ class _Packed(nn.Module):
         self.encoder = encoder
 
     def forward(self, packs: Tensor) -> Tensor:
+        # shap selects the evaluation mode, but cuDNN differentiates an LSTM only in training mode. An encoder has no
+        # dropout, so the mode changes no result.
+        self.encoder.train()
         latents: Tensor = self.encoder(packs.flatten(0, 1))
         return latents.view(*packs.shape[:2], -1).sum(dim=1)
 

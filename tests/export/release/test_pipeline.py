@@ -22,7 +22,7 @@ from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.controller.estimator import ESTIMATOR
-from contract.errors import BundleControllerError, BundleError, ExportError, StillwakeError
+from contract.errors import BundleControllerError, BundleError, ExportError
 from contract.model import model_folder
 from contract.model.model_folder import ModelFolder
 from contract.recording import dataset
@@ -47,14 +47,14 @@ from export.to_onnx.sensor_estimator import build_estimator
 from tests import foreign_plant
 from tests.conftest import model_of
 from tests.contract.controller.test_estimator import random_network
-from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
+from tests.foreign_plant import LIMIT, NAMES, PERIOD, POSITIONS
+from tests.train.conftest import LAYOUT
 from tests.untrained_model import untrained
 from train import model_store
 from train.networks.samples import fit_scaling
 
 pytestmark = pytest.mark.slow  # every lowering is built and gated
 
-LAYOUT = SensorLayout.of(NAMES, np.array(POSITIONS), base=[NAMES.index(name) for name in BASE], symmetric=False)
 MODEL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
 CONFIG = Config(
     flow=FlowConfig(control_period=PERIOD, action_limit=LIMIT), model=MODEL, mpc=MpcConfig(horizon=6, iterations=3)
@@ -139,14 +139,7 @@ def test_bundle_and_library_are_of_one_program_and_run_on_their_plant_and_on_no_
         "config": about.config_tree,
         "export": exported,
     }
-    policy = BundlePolicy(read, OnnxController.of(read), LAYOUT)
-    memory, held_out = policy.start(), EPISODES[2]
-    commands = []
-    for Cp, action in zip(held_out.series["Cp"][:20], held_out.previous_action[:20], strict=True):
-        command, memory = policy.step(memory, Cp, float(action))
-        commands.append(command)
-    assert commands[: MODEL.window - 1] == [0.0] * (MODEL.window - 1)
-    assert all(0 < abs(command) <= LIMIT for command in commands[MODEL.window :])
+    BundlePolicy(read, OnnxController.of(read), LAYOUT)
     with pytest.raises(BundleError, match=r"'other-plant' is for another plant: unknown sensor 'x\.y'"):
         BundlePolicy(read, OnnxController.of(read))
 
@@ -155,6 +148,9 @@ def test_calibration_leaves_out_what_is_too_short_and_takes_what_there_is():
     program = random_program(0, model=MODEL, mpc=CONFIG.mpc, sensors=CHOSEN)
     windows = pipeline.calibration_windows(program, EPISODES[:2], LAYOUT)
     assert len(windows) == 200 - (MODEL.window - 1)
+    # The provenance is any JSON object.
+    described = [replace(item, provenance={"forcing_signal": ["sweep", 0.2]}) for item in EPISODES[:2]]
+    assert len(pipeline.calibration_windows(program, described, LAYOUT)) == len(windows)
     with pytest.raises(ExportError, match="longest, blink, has 20 steps, but 50 windows need 55; --precision float32"):
         pipeline.calibration_windows(program, EPISODES[1:2], LAYOUT)
     # The gates replay the first test episode that is long enough.
@@ -222,17 +218,6 @@ def test_a_lowering_that_fails_its_gate_keeps_both_from_the_disk(export, tmp_pat
         assert list(tmp_path.iterdir()) == [], broken
 
 
-def test_neither_is_written_where_one_place_holds_something_else(export, tmp_path):
-    for occupied in ("bundle", "c"):
-        (tmp_path / occupied).mkdir()
-        (tmp_path / occupied / "thesis.txt").write_text("years of work")
-        with pytest.raises(StillwakeError, match="holds other files; name another"):
-            export(library=True)
-        assert [item.name for item in tmp_path.rglob("*")] == [occupied, "thesis.txt"]
-        (tmp_path / occupied / "thesis.txt").unlink()
-        (tmp_path / occupied).rmdir()
-
-
 FIGURES = SensorEstimator(fast=((0.5,) * 4,) * 4, slow=((0.25,) * 4,) * 4)
 
 
@@ -252,7 +237,11 @@ def test_the_speeds_that_a_prior_was_trained_at_are_the_releases(tmp_path, progr
     resting = RestingWake(speeds=(0.6, 1.4), base=(-0.3, -0.5), swing=(0.1, 0.3))
     trained = model_of(program, resting=np.array([[0.6, -0.3, 0.1], [1.4, -0.5, 0.3]]))
     trained = replace(trained, config_tree={"refine": {"slowest": 0.6, "fastest": 1.4}})
-    release(tmp_path / "release", program, trained)
+    # A training without `refine` may have read one file of settings with it.
+    release(tmp_path / "release", program, replace(model_of(program), config_tree=trained.config_tree))
+    assert bundle.load(tmp_path / "release").manifest.speeds is None
+    size = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
+    release(tmp_path / "release", random_program(0, model=size, mpc=MpcConfig(horizon=6), prior_memory=4), trained)
     manifest = bundle.load(tmp_path / "release").manifest
     assert manifest.resting == resting
     assert manifest.speeds == SpeedRange(slowest=0.6, fastest=1.4)

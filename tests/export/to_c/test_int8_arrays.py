@@ -1,4 +1,4 @@
-"""The integers of the int8 library: their range, how matrices are packed, and C's own functions on the tables."""
+"""The integers of the int8 library: their range, and C's own functions on the tables."""
 
 import ctypes
 from pathlib import Path
@@ -16,14 +16,12 @@ from examples.random_programs import random_program
 from export.int8 import rounded_to_nearest
 from export.program.controller_program import random_windows
 from export.to_c.int8_arrays import (
-    AHEAD,
     ELU_ARGUMENT_ONE,
     ELU_ONE,
     ELU_RANGE,
     LOGISTIC_ONE,
     LOGISTIC_QMAX,
     LOGISTIC_RANGE,
-    packed,
     qmax,
 )
 from export.to_c.library import c_library
@@ -79,13 +77,3 @@ def test_no_sum_of_products_can_overflow_32_bits(library):
         assert 127 * qmax(width) * width <= 2**31 - 1
     with pytest.raises(ExportError, match="at most 2064"):
         qmax(2068)
-
-
-def test_weights_are_packed_in_tiles():
-    """Tiles of four rows and columns, in each row the columns 0, 2, 1, 3; both sides padded to eight, then zeros."""
-    found = packed(np.arange(1, 11, dtype=np.int8).reshape(2, 5))
-    assert len(found) == 8 * 8 + AHEAD
-    tiles = found[:-AHEAD].reshape(2, 2, 4, 4)
-    np.testing.assert_array_equal(tiles[0, 0], [[1, 3, 2, 4], [6, 8, 7, 9], [0] * 4, [0] * 4])
-    np.testing.assert_array_equal(tiles[0, 1], [[5, 0, 0, 0], [10, 0, 0, 0], [0] * 4, [0] * 4])
-    np.testing.assert_array_equal(tiles[1], 0)

@@ -1,11 +1,9 @@
-"""The form of the graph: interface, operators, size. What it computes is tested in tests/parity."""
+"""The form of the graph: format and size. What it computes is tested in tests/parity."""
 
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import onnx
 import pytest
 from onnx import TensorProto
 
@@ -14,40 +12,22 @@ from contract.config.learning import ModelConfig
 from contract.errors import ExportError
 from examples.random_programs import random_program
 from export.int8 import rounded_to_nearest
-from export.program.controller_program import ControllerProgram, matrices
+from export.program.controller_program import matrices
 from export.to_onnx.control_step import build_controller
 from tests.export.release.test_judged import nodes_of
 
 SMALL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
 
 
-def as_it_is(program: ControllerProgram) -> ControllerProgram:
-    """In float32."""
-    return program
+LOWERINGS = (lambda program: program, rounded_to_nearest)
+"""In float32 and int8."""
 
 
-def shapes(values: Iterable[onnx.ValueInfoProto]) -> dict[str, tuple[int, ...]]:
-    return {value.name: tuple(d.dim_value for d in value.type.tensor_type.shape.dim) for value in values}
-
-
-OPTIONAL: dict[str, tuple[int, ...]] = {"weights": (8,), "speed": (), "limit": ()}
-
-
-@pytest.fixture(scope="module", params=[as_it_is, rounded_to_nearest])
-def paper_model(request):
-    return build_controller(request.param(random_program(0, prior_memory=24)))
-
-
-def test_interface_and_operators_are_those_of_the_bundle(paper_model):
-    assert shapes(paper_model.graph.input) == {"window": (32, 5), "plan": (25,), "free": (25,), **OPTIONAL}
-    assert shapes(paper_model.graph.output) == {"new_plan": (25,), "forces": (25, 2), "terms": (8,), "cost": ()}
-    assert {initializer.name for initializer in paper_model.graph.initializer} >= OPTIONAL.keys()
-    # Only standard operators of an opset that ONNX Runtime 1.20 knows.
-    assert [(entry.domain, entry.version) for entry in paper_model.opset_import] == [("", 18)]
-    assert paper_model.ir_version <= 10
-    for node in nodes_of(paper_model.graph):
-        assert node.domain == ""
-        assert onnx.defs.get_schema(node.op_type, 18).support_level == onnx.defs.OpSchema.SupportType.COMMON
+def test_the_opset_and_the_format_are_those_that_onnx_runtime_1_20_knows():
+    for lowered in LOWERINGS:
+        graph = build_controller(lowered(random_program(0, model=SMALL, prior_memory=24)))
+        assert [(entry.domain, entry.version) for entry in graph.opset_import] == [("", 18)]
+        assert graph.ir_version <= 10
 
 
 def test_nothing_is_unrolled():
@@ -82,7 +62,7 @@ def test_int8_weights_are_a_byte_each_and_dequantised_once():
 
 
 def test_values_that_float32_cannot_hold_are_refused():
-    for lowered in (as_it_is, rounded_to_nearest):
+    for lowered in LOWERINGS:
         program = random_program(0, model=SMALL)
         hidden = program.dynamics.hidden
         for layer in (

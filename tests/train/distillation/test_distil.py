@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import torch
 
-from contract import sensors
+from contract.release.manifest import Scaling
 from train.distillation.distil import distil, encode_all
 from train.distillation.evaluate import latent_error, rollout_starts
 from train.distillation.lessons import distil_predictor, teach
 from train.fitting.fit import fit_joint, seeded
 from train.networks.model import Predictor, WakeModel
-from train.networks.samples import fit_scaling, prepare
+from train.networks.samples import Rows, fit_scaling, prepare
 
 
 def test_encode_all_is_the_encoder_window_by_window(small_recording, small_config):
@@ -24,7 +24,7 @@ def test_encode_all_is_the_encoder_window_by_window(small_recording, small_confi
     encoder = WakeModel(90, small_config.model).encoder
     latents = encode_all(encoder, rows)
     window = small_config.model.window
-    assert latents.shape == (380, small_config.model.latent)
+    assert latents.shape == (400, small_config.model.latent)
     for span in rows.spans():
         assert bool(latents[span.start : span.start + window - 1].isnan().all())
         for end in (span.start + window - 1, span.stop - 1):
@@ -33,35 +33,40 @@ def test_encode_all_is_the_encoder_window_by_window(small_recording, small_confi
     assert int(latents[:, 0].isnan().sum()) == 2 * (window - 1)
 
 
+@pytest.fixture
+def prepared(foreign_recording) -> tuple[Rows, Rows, Scaling]:
+    """Rows to learn from and to judge on."""
+    layout, training = foreign_recording.layout, foreign_recording.with_role("train")[:2]
+    scaling = fit_scaling(training, layout)
+    rows, test = (
+        prepare(episodes, scaling, mirrored=False, layout=layout)
+        for episodes in (training, foreign_recording.with_role("test"))
+    )
+    return rows, test, scaling
+
+
 @pytest.mark.slow  # trains
-def test_the_student_follows_a_frozen_teacher(small_recording, small_config):
-    episodes = small_recording.with_role("train")
-    scaling = fit_scaling(episodes)
-    rows = prepare(episodes, scaling, mirrored=True)
-    test = prepare(small_recording.with_role("test"), scaling, mirrored=False)
+def test_the_student_follows_a_frozen_teacher(prepared, small_config):
+    rows, test, _ = prepared
     config = replace(small_config, train=replace(small_config.train, stream_epochs=40.0, distil_epochs=20.0))
     with seeded(5, torch.device("cpu")):
-        teacher = WakeModel(90, config.model).encoder
+        teacher = WakeModel(7, config.model).encoder
     before = [parameter.clone() for parameter in teacher.parameters()]
-    chosen = sensors.TRUCK.indices(["upper_39", "lower_39", "base_0", "base_9"])
+    chosen = np.array([0, 2, 4, 5])
     slim = distil(teacher, rows, chosen, config)
     assert slim.lstm.input_size == 5
     assert all(torch.equal(a, b) for a, b in zip(before, teacher.parameters(), strict=True))
     error = latent_error(encode_all(slim, test.with_sensors(chosen)), encode_all(teacher, test))
-    # measured 0.1; a student that gives the mean scores 0.8
+    # measured 0.07; a student that gives the mean scores 0.86
     assert error < 0.25
     assert latent_error(encode_all(teacher, test), encode_all(teacher, test)) == 0.0
-    assert not np.isnan(error)
 
 
 @pytest.mark.proofs  # trains for some seconds; test_distil.py stays
 @pytest.mark.slow
-def test_the_student_rolls_out_as_the_teacher(make_episode, small_config):
-    training = [make_episode("waveform", "train", 600, 1), make_episode("none", "train", 100, 2, forced=False)]
-    scaling = fit_scaling(training)
-    rows = prepare(training, scaling, mirrored=True)
-    test = prepare([make_episode("chirp", "test", 300, 3)], scaling, mirrored=False)
-    teacher = fit_joint(rows, replace(small_config, train=replace(small_config.train, epochs=40.0)))
+def test_the_student_rolls_out_as_the_teacher(prepared, small_config):
+    rows, test, scaling = prepared
+    teacher = fit_joint(rows, replace(small_config, train=replace(small_config.train, epochs=20.0)))
     config = replace(
         small_config,
         model=replace(small_config.model, slim_dynamics_width=24, slim_decoder_width=16),

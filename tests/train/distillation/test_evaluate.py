@@ -1,5 +1,6 @@
 """Held-out figures against direct formulas on networks whose answers are known."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -39,7 +40,8 @@ def make_rows(lengths: tuple[int, ...]) -> Rows:
     actions = torch.randn(sum(lengths), generator=generator)
     walk = torch.cat([torch.tensor([0.0]), actions.cumsum(0)[:-1]])
     forces = torch.stack([walk, walk], dim=1)
-    return Rows(inputs=torch.cat([forces, actions[:, None]], dim=1), actions=actions, forces=forces, lengths=lengths)
+    inputs = torch.cat([forces, actions[:, None]], dim=1)
+    return Rows(inputs=inputs, actions=actions, forces=forces, lengths=lengths, unit=torch.ones(2))
 
 
 def run(rows: Rows, bias: float = 0.0, horizons: tuple[int, ...] = (2, 5)):
@@ -65,6 +67,5 @@ def test_short_and_constant_test_episodes_are_refused():
     with pytest.raises(DatasetError, match="a window of 4 and 5 steps ahead"):
         run(make_rows((8, 8)))
     rows = make_rows((40,))
-    still = Rows(inputs=rows.inputs, actions=rows.actions, forces=torch.zeros(40, 2), lengths=(40,))
     with pytest.raises(DatasetError, match="constant"):
-        run(still)
+        run(replace(rows, forces=torch.zeros(40, 2)))

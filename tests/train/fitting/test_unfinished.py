@@ -1,11 +1,7 @@
-"""Whose the checkpoints in a folder are, known without torch.
-
-Training computes with the number of threads that it was given, and leaves the caller's as it was.
-"""
+"""Whose the checkpoints in a folder are, known without torch; and threads that are given back."""
 
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,13 +10,10 @@ import torch
 
 from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError
-from contract.recording import dataset
-from train import model_store
 from train.fitting import unfinished
 from train.fitting.fit import torch_threads
 from train.fitting.progress import Phase
 from train.fitting.unfinished import Identity, Reached
-from train.pipeline import train_all
 
 CONFIG = Config()
 DATA = "0" * 64
@@ -56,6 +49,12 @@ def test_another_training_is_refused_by_what_differs_and_with_both_ways(folder):
         ConfigError, match=r"train\.seed = 0, not 5: finish it with its own settings, or start over with --restart"
     ):
         unfinished.check(folder, identity(other))
+    # The plans from which slim networks learn are within the jets' limit.
+    slim = replace(CONFIG, model=replace(CONFIG.model, slim_decoder_width=8))
+    unfinished.note(folder, identity(slim), REACHED)
+    with pytest.raises(ConfigError, match=r"action_limit = 0\.075, not 0\.1: finish it"):
+        unfinished.check(folder, identity(replace(slim, flow=replace(slim.flow, action_limit=0.1))))
+    unfinished.note(folder, identity(), REACHED)
     with pytest.raises(DatasetError, match="another recording"):
         unfinished.check(folder, identity(data="1" * 64))
     # A refinement of another model, or from another flow, is another one with equal settings.
@@ -75,45 +74,11 @@ def test_it_needs_no_torch():
     assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
 
 
-@pytest.fixture(autouse=True)
-def three_threads() -> Iterator[None]:
-    """What the caller has: neither the default of a training nor what is asked for below."""
+def test_no_threads_are_refused_and_a_stop_gives_them_back():
     before = torch.get_num_threads()
-    torch.set_num_threads(3)
-    yield
-    torch.set_num_threads(before)
-
-
-@pytest.mark.slow
-def test_every_phase_has_one_unless_more_are_asked_for(small_recording, small_config, tmp_path):
-    # Every phase, in a few steps too small to be shared among threads: waiting threads would spin.
-    narrow = replace(
-        small_config.model,
-        lstm_width=4, latent=2, dynamics_width=8, decoder_width=8, slim_dynamics_width=4, slim_decoder_width=4,
-    )  # fmt: skip
-    few = replace(
-        small_config.train,
-        batch_size=16, epochs=0.01, stream_epochs=1.0, distil_epochs=0.01, predictor_epochs=0.002, predictor_lessons=64,
-        finish=replace(small_config.train.finish, epochs=0.01, unroll=6),
-    )  # fmt: skip
-    brief = replace(small_config, model=narrow, train=few, mpc=replace(small_config.mpc, horizon=5))
-    seen: dict[Phase, set[int]] = {}
-
-    def progress(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
-        seen.setdefault(phase, set()).add(torch.get_num_threads())
-
-    dataset.write(tmp_path / "recording.h5", small_recording)
-    train_all(tmp_path / "recording.h5", brief, tmp_path / "model", chosen=("base_0", "base_9"), progress=progress)
-    assert set(seen) == set(Phase) - {Phase.RANK, Phase.SELECT, Phase.REFINE, Phase.REST, Phase.AIR_SPEED}
-    assert set().union(*seen.values()) == {1}
-    assert torch.get_num_threads() == 3
-    assert model_store.load(tmp_path / "model").versions["torch_threads"] == "1"
-
-
-def test_none_are_refused_and_a_stop_gives_them_back():
     with pytest.raises(ConfigError, match="threads = 0: must be at least 1"), torch_threads(0):
         raise AssertionError("computed")
-    with pytest.raises(KeyboardInterrupt), torch_threads(2):
-        assert torch.get_num_threads() == 2
+    with pytest.raises(KeyboardInterrupt), torch_threads(before + 1):
+        assert torch.get_num_threads() == before + 1
         raise KeyboardInterrupt
-    assert torch.get_num_threads() == 3
+    assert torch.get_num_threads() == before

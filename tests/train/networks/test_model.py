@@ -1,6 +1,4 @@
-"""Shapes, names and residual structure that the export relies on.
-
-Each term against numbers worked out by hand or from its formula.
+"""Each term of the loss against numbers worked out by hand or from its formula.
 
 The shared recurrence is torch's LSTM, window by window.
 """
@@ -16,23 +14,6 @@ from contract.config.learning import ModelConfig, TrainConfig
 from train.networks.model import EPSILON, WakeModel, covariance_loss, joint_loss, prediction_loss, variance_loss
 from train.networks.recurrence import last_hidden
 from train.networks.samples import Batch
-
-
-def test_names_and_shapes_of_the_weights_are_the_paper_s():
-    shapes = {key: tuple(value.shape) for key, value in WakeModel(90, ModelConfig()).state_dict().items()}
-    assert {name: shape for name, shape in shapes.items() if len(shape) == 2} == {
-        "encoder.lstm.weight_ih_l0": (256, 91),
-        "encoder.lstm.weight_hh_l0": (256, 64),
-        "encoder.hidden.weight": (64, 64),
-        "encoder.output.weight": (8, 64),
-        "dynamics.input.weight": (256, 9),
-        "dynamics.hidden.weight": (256, 256),
-        "dynamics.output.weight": (8, 256),
-        "decoder.input.weight": (128, 8),
-        "decoder.blocks.0.linear.weight": (128, 128),
-        "decoder.blocks.1.linear.weight": (128, 128),
-        "decoder.output.weight": (2, 128),
-    }
 
 
 def test_terms_by_hand_and_by_formula():

@@ -26,8 +26,8 @@ def test_rows_are_standardised_with_the_action_before_them(rows):
     assert torch.equal(slim.inputs, rows.inputs[:, [89, 2, 90]])
 
 
-def test_a_row_holds_the_pressures_and_the_action_before_them(make_episode):
-    episode = replace(make_episode("one", "train", 20, 1), initial_action=0.03)
+def test_a_row_holds_the_pressures_and_the_action_before_them(small_recording):
+    episode = replace(small_recording.episodes[0], initial_action=0.03)
     scaling = fit_scaling([episode])
     rows = prepare([episode], scaling, mirrored=False)
     for k in (0, 1, 13):

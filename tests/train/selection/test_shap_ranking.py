@@ -1,14 +1,16 @@
 """The ranking finds the sensors a model depends on, and agrees with Shapley values known exactly."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 from torch import Tensor, nn
 
 from contract import sensors
+from contract.config.learning import TrainConfig
 from train.networks.model import WakeModel
-from train.networks.samples import Rows
-from train.selection.shap_ranking import Ranking, ShapRanker, rank
+from train.selection.shap_ranking import Ranking, rank, shap_scores
 
 
 class Linear(nn.Module):
@@ -24,18 +26,17 @@ class Linear(nn.Module):
         return torch.einsum("blf,zlf->bz", windows, self.weight)
 
 
+def draws(background: int, explained: int, samples: int, repeats: int = 1) -> TrainConfig:
+    return TrainConfig(shap_background=background, shap_explained=explained, shap_samples=samples, shap_repeats=repeats)
+
+
 @pytest.mark.slow
 def test_scores_of_a_linear_encoder_are_its_shapley_values(rows):
     window, count = 4, 57
-    few = Rows(
-        inputs=rows.inputs[: count + window - 1],
-        actions=rows.actions[: count + window - 1],
-        forces=rows.forces[: count + window - 1],
-        lengths=(count + window - 1,),
-    )
+    few = replace(rows, inputs=rows.inputs[: count + window - 1], lengths=(count + window - 1,))
     encoder = Linear(window)
     # Every window is explained against every window, so only the choice of points on the paths is random.
-    scores = ShapRanker(background=count, explained=count, samples=300)(encoder, few, 0)  # type: ignore[arg-type]
+    scores = shap_scores(encoder, few, draws(count, count, 300), 0)  # type: ignore[arg-type]
     windows = few.inputs.unfold(0, window, 1).transpose(1, 2)
     exact = encoder.weight.detach()[:, None] * (windows - windows.mean(dim=0))  # (Z, n, L, F)
     expected = exact.abs().sum(dim=0).mean(dim=(0, 1))[: sensors.COUNT].double().numpy()
@@ -53,8 +54,7 @@ def test_only_sensors_the_encoder_listens_to_score(rows, small_config):
         weights[:, : sensors.COUNT] = 0.0
         weights[:, strong] = heard
         weights[:, weak] = heard[:, :1] * 0.01
-    ranker = ShapRanker(background=20, explained=30, samples=5)
-    ranking = rank(ranker, encoder, rows, repeats=3, seed=0)
+    ranking = rank(encoder, rows, draws(20, 30, 5, repeats=3))
     assert set(ranking.top(2)) == {"base_2", "upper_30"}
     assert ranking.top(3)[2] == "lower_11"
     assert ranking.is_stable(2) and ranking.is_stable(3)
@@ -69,12 +69,25 @@ def test_only_sensors_the_encoder_listens_to_score(rows, small_config):
 
 def test_repeats_differ_a_seed_repeats_and_numpy_is_left_alone(rows, small_config):
     encoder = WakeModel(90, small_config.model).encoder
-    ranker = ShapRanker(background=5, explained=6, samples=2)
+    settings = draws(5, 6, 2, repeats=2)
     np.random.seed(1)
     expected = np.random.rand()
     np.random.seed(1)
-    one = rank(ranker, encoder, rows, repeats=2, seed=0)
+    one = rank(encoder, rows, settings)
     assert np.random.rand() == expected
-    np.testing.assert_array_equal(one.scores, rank(ranker, encoder, rows, repeats=2, seed=0).scores)
+    np.testing.assert_array_equal(one.scores, rank(encoder, rows, settings).scores)
     assert not np.array_equal(one.scores[0], one.scores[1])
     assert all(parameter.requires_grad for parameter in encoder.parameters())
+
+
+def test_gradients_are_taken_in_training_mode_as_cudnn_requires(rows):
+    modes = set[bool]()
+
+    class Watched(Linear):
+        def forward(self, windows: Tensor) -> Tensor:
+            modes.add(self.training)
+            return super().forward(windows)
+
+    encoder = Watched(4).eval()
+    shap_scores(encoder, rows, draws(2, 2, 1), 0)  # type: ignore[arg-type]
+    assert modes == {True} and not encoder.training
