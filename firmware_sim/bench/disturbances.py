@@ -25,6 +25,7 @@ from can_bridge.bus.faults.frame_faults import FlipBits, StuckAt
 from can_bridge.bus.faults.node_faults import Disconnect
 from can_bridge.bus.faults.text import parse_described, parse_fault, text_of
 from contract.config.body import TRUCK_BODY, BodyConfig
+from contract.config.operating_point import OperatingPoint
 from contract.config.rules import Finite, NonNegative, Positive, Rule, require
 from contract.config.tree import Config
 from contract.errors import ConfigError
@@ -130,6 +131,16 @@ class VehiclePoint(Span, section="operating_point"):
     speed: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
     density: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.speed is not None or self.density is not None, self, "speed", "a number, unless density is given")
+        self.instead_of(OperatingPoint())
+
+    def instead_of(self, point: OperatingPoint) -> OperatingPoint:
+        """Return `point` with these values. Raises ConfigError for a value that no operating point may have."""
+        given = {"speed": self.speed, "density": self.density}
+        return replace(point, **{name: value for name, value in given.items() if value is not None})
+
 
 @dataclass(frozen=True, kw_only=True)
 class ActionLimit(Span, section="action_limit"):
@@ -177,6 +188,14 @@ class Density(Span, section="density"):
     density: Positive[float]
     stated: bool = False
     """Whether the vehicle sends this density together with its speed."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.instead_of(OperatingPoint())
+
+    def instead_of(self, point: OperatingPoint) -> OperatingPoint:
+        """Return `point` with this density. Raises ConfigError for a density that no operating point may have."""
+        return replace(point, density=self.density)
 
 
 KINDS: Final[dict[str, type[Span]]] = {

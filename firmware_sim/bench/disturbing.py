@@ -4,7 +4,6 @@ The module also runs a plant whose inflow follows a drive, and the same drive wi
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 from typing import Final, TypeVar
@@ -196,15 +195,14 @@ class Disturbing:
         full = self._config.flow.action_limit
         point, limit, stuck_at = self._config.operating_point, full, None
         for _, vehicle in self._acting(kinds.VehiclePoint, now_ns):
-            given = {"speed": vehicle.speed, "density": vehicle.density}
-            point = replace(point, **{name: value for name, value in given.items() if value is not None})
+            point = vehicle.instead_of(point)
         for _, saturated in self._acting(kinds.ActionLimit, now_ns):
             limit = saturated.action_limit * full
         for _, stuck in self._acting(kinds.StuckJets, now_ns):
             stuck_at = stuck.stuck_jets * full
         stated_density = None
         for _, air in self._acting(kinds.Density, now_ns):
-            point, stated_density = replace(point, density=air.density), air.density if air.stated else None
+            point, stated_density = air.instead_of(point), air.density if air.stated else None
         node.operating_point, node.action_limit, node.stuck_at = point, limit, stuck_at
         node.stated_density = stated_density
         list(self._acting(kinds.OtherBody, now_ns))
