@@ -57,7 +57,7 @@ def test_a_prefix_selects_and_explains(cli, refused):
     assert refused("config", "nonsense").startswith(unknown)
 
 
-def test_the_file_it_writes_gives_the_same_settings(cli, tmp_path):
+def test_the_file_it_writes_gives_the_same_settings(cli, refused, tmp_path):
     asked = ["--set", "model.slim_decoder_width=64", "--set", 'bus.channel=C:\\x "y" [z]', "--set", "mpc.horizon=9"]
     path = tmp_path / "mine.toml"
     for options in ([], ["--changed"]):
@@ -68,6 +68,13 @@ def test_the_file_it_writes_gives_the_same_settings(cli, tmp_path):
     path.write_text(cli("config", "ecu", "--toml", "--set", "ecu.delay_steps=3").out, encoding="utf-8")
     assert load_config(path) == load_config(None, ["ecu.delay_steps=3"])
     assert set(tomllib.loads(path.read_text())) == {"ecu"}
+    # A file of one section modifies the release's settings, so these would be the release's again.
+    path.write_text('base = "paper"\n')
+    for words, message in (
+        (("model", "--toml", "--set", path), "model.slim_dynamics_width is none: a file for these settings alone"),
+        (("mpc", "--toml", "--changed", "--set", "mpc.weights.lift=0.01"), "mpc.weights.lift is 0.01: a file"),
+    ):
+        assert message in refused("config", *words)
 
 
 @examples(30)
