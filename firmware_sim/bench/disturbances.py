@@ -22,7 +22,7 @@ from typing import Annotated, Final, Literal, Self, TypeVar
 
 from can_bridge.bus.faults.fault import BusFault, Instant, Probability, Span
 from can_bridge.bus.faults.frame_faults import FlipBits, StuckAt
-from can_bridge.bus.faults.node_faults import Disconnect
+from can_bridge.bus.faults.node_faults import ClockDrift, Disconnect
 from can_bridge.bus.faults.text import parse_described, parse_fault, text_of
 from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.config.operating_point import OperatingPoint
@@ -70,15 +70,11 @@ class Reset(Instant, section="reset"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class WrongClock(Span, section="clock"):
+class WrongClock(ClockDrift, section="clock"):
     """An ECU clock whose rate or time differs from the vehicle's clock. The vehicle's clock times the periods. The
     ECU's clock gives the times of steps and received frames; at the span's end it jumps to the correct time."""
 
     node: Literal["ecu"] = "ecu"
-    ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0
-    """Error of the clock's rate, in parts per million; a positive value makes the clock fast."""
-    offset_s: Finite[float] = 0.0
-    """Time in s by which the ECU's clock is ahead at the start of the span."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,8 +124,8 @@ class VehiclePoint(Span, section="operating_point"):
     """The vehicle's speed in m/s and the air's density in kg/m3; None means the ECU's `operating_point`. Both scale
     the pressures in Pa. The speed also scales the jets' flow rates in m2/s, but not the Reynolds number."""
 
-    speed: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
-    density: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
+    speed: float | None = None
+    density: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -12,7 +12,7 @@ import numpy as np
 
 from can_bridge.bus.faults.fault import NS, FaultyBus, Span, WrappedBus, wrap
 from can_bridge.bus.faults.frame_faults import WireErrors
-from can_bridge.bus.faults.node_faults import Babble, ClockDrift
+from can_bridge.bus.faults.node_faults import Babble
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus
 from can_bridge.wire.frame import Frame
@@ -120,7 +120,7 @@ class Disturbing:
         self._items, self._texts = disturbances.items, disturbances.texts
         self._config, self._seed, self._before = config, seed, before
         self._acted: Counter[int] = Counter()
-        self._transducers, self._clocks = [], list[ClockDrift]()
+        self._transducers = []
         self._in_ports: dict[int, NodeFault] = {}  # by the index in the order given
         for place, item in enumerate(self._items):
             if isinstance(item, SensorDisturbance):
@@ -128,9 +128,7 @@ class Disturbing:
                 at = [list(sensors).index(name) for name in item.named]
                 self._transducers.append((place, item, item.begun(at, config, int(drawn.generate_state(1)[0]))))
             elif isinstance(item, kinds.WrongClock):
-                drift = ClockDrift(start_s=item.start_s, end_s=item.end_s, ppm=item.ppm, offset_s=item.offset_s)
-                self._clocks.append(drift)
-                self._in_ports[place] = NodeFault(text=self._texts[place], node="ecu", fault=drift)
+                self._in_ports[place] = NodeFault(text=self._texts[place], node="ecu", fault=item)
             elif isinstance(item, NodeFault):
                 self._in_ports[place] = item
         self._speeds: list[float] = []  # vehicle's speed in every period so far, m/s
@@ -173,8 +171,8 @@ class Disturbing:
         return cp
 
     def ecu_clock(self, now_ns: int) -> int:
-        for drift in self._clocks:
-            now_ns = drift.local_ns(now_ns)
+        for _, clock in self._each(kinds.WrongClock):
+            now_ns = clock.local_ns(now_ns)
         return now_ns
 
     def plan_resets(self, bus: SimulatedBus, loop: VirtualLoop) -> None:
