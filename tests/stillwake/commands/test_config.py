@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contract.config.listing import as_toml, sections, shown
-from contract.config.loading import from_tree, load_config, to_tree
+from contract.config.loading import from_tree, leaves, load_config, to_tree
 from contract.config.rules import HUGE, TINY
 from contract.config.tree import Config
 from tests.examples import examples
@@ -18,17 +18,10 @@ def rows(text: str) -> dict[str, list[str]]:
     return {words[0]: words[1:] for words in lines if words and "." in words[0] and not words[0].startswith("[")}
 
 
-def leaves(tree: dict, above: str = "") -> dict[str, object]:
-    found: dict[str, object] = {}
-    for name, value in tree.items():
-        found |= leaves(value, f"{above}{name}.") if isinstance(value, dict) else {f"{above}{name}": value}
-    return found
-
-
 def test_every_setting_is_shown_with_its_value_unit_and_source(cli, tmp_path):
     outcome = cli("config")
     assert (outcome.code, outcome.err) == (0, "")
-    values = leaves(to_tree(load_config()))
+    values = dict(leaves(to_tree(load_config())))
     first = {name: words[0] for name, words in rows(outcome.out).items()}
     assert first == {name: shown(value) for name, value in values.items()}
     assert max(map(len, outcome.out.splitlines())) <= 80
@@ -41,7 +34,7 @@ def test_every_setting_is_shown_with_its_value_unit_and_source(cli, tmp_path):
         ("mpc.weights.lift", ["0.04", "0.01", "release"]),
     ):
         assert found[name] == words
-    paper = leaves(to_tree(Config()))
+    paper = dict(leaves(to_tree(Config())))
     assert set(rows(cli("config", "--changed").out)) == {name for name in values if values[name] != paper[name]}
     (tmp_path / "paper.toml").write_text('base = "paper"\n')
     assert cli("config", "--changed", "--set", tmp_path / "paper.toml").out == "all settings: as in the paper\n"
