@@ -25,6 +25,7 @@ from contract.config.loading import load_config
 from contract.controller.interface import ControlStep, RunnableController
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.bench.closed_loop import run_closed_loop
+from firmware_sim.bench.simulation import Spans
 from firmware_sim.runs.run_log import Row, RunFolder, RunLog
 from stillwake.console.options import Trust
 from stillwake.console.progress import progress
@@ -90,7 +91,7 @@ def main(
             shown("closed loop", done, total, f"Cd {row.sample.Cd:.3f}")
 
         given: dict[str, Any] = {"controller": listening, "plant": nullcontext(wake), "progress": show}
-        log = run_closed_loop(run, release, config, **spans, **given)
+        log = run_closed_loop(run, release, config, Spans(**spans), **given)
     flows = [mean.flow() for mean in means]
     figures = measured(log, np.array(forecasts), settled) | {"mean": [_mean(wake, flow) for flow in flows]}
     facts = {
