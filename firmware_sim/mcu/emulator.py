@@ -177,9 +177,3 @@ class Machine(EmulatedCore):
 
     def read(self, symbol: str, size: int) -> bytes:
         return self.peek(self.symbol(symbol), size)
-
-    def stack_used(self, function: str) -> int:
-        """Call a function and return the number of bytes of the stack that the call touches."""
-        self.paint_stack()
-        self.call(function)
-        return self.stack_depth()
