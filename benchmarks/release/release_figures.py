@@ -76,8 +76,7 @@ def main(
     release, config = open_release(bundle, trust), load_config()
     horizon, period = release.manifest.mpc.horizon, config.flow.control_period
     spans: dict[str, Any] = {"lead_in": lead_in, "controlled": controlled, "settle": settle}
-    listening = Listening(OnnxController.of(release))
-    forecasts: list[Array] = []
+    listening, forecasts = Listening(OnnxController.of(release)), list[Array]()
     first, settled = round(lead_in / period), round((lead_in + settle) / period)
     with open_plant("wake", run, config) as wake, progress("periods", console=bars) as shown:
         assert isinstance(wake, TruckWake)
