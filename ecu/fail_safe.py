@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.vehicle import EcuConfig
+from ecu.timing import lengthened
 
 
 class OperatingMode(Enum):
@@ -270,7 +271,7 @@ class FailSafe:
         lost = 0
         is_wanted = request and (rises or self.mode not in _UNWANTED)
         if is_wanted and inputs.fault is None and self.mode not in _COUNTS_NO_LOSS:
-            lost = (self.lost << 1 | (not usable)) & ((1 << config.loss_window) - 1)
+            lost = lengthened(self.lost, not usable, config.loss_window)
         period = Period(inputs, request, rises, misses, good, lost.bit_count(), config, self.reason)
         row = taken(self.mode, period)
         if row.to is OperatingMode.FAULT is not self.mode:

@@ -45,7 +45,7 @@ class StepTiming:
             return StepTiming(step_ns=now_ns)
         lag_ns = self.lag_ns + now_ns - self.step_ns - period_ns
         whole = (2 * lag_ns + period_ns) // (2 * period_ns)  # rounded to the nearest number
-        off_time = (self.off_time << 1 | (whole != 0)) & ((1 << config.deadline_window) - 1)
+        off_time = lengthened(self.off_time, whole != 0, config.deadline_window)
         too_often = whole != 0 and off_time.bit_count() >= config.deadline_misses
         # Before a step this late, more periods passed without pressures than the fail-safe tolerates.
         away = whole > config.hold_periods + config.decay_periods
@@ -59,3 +59,10 @@ class StepTiming:
             skipped=max(0, whole),
             fault=fault,
         )
+
+
+def lengthened(history: int, newest: bool, most: int) -> int:
+    """Return a history, one bit a period, with `newest` as its lowest bit and at most `most` bits."""
+    longer = history << 1 | newest
+    # A setting allows more bits than fit into memory, so the mask has at most the bits of the history.
+    return longer & ((1 << min(most, longer.bit_length())) - 1)

@@ -25,6 +25,7 @@ from contract.config.loading import load_config
 from contract.controller.interface import ControlStep, RunnableController
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.bench.closed_loop import run_closed_loop
+from firmware_sim.bench.simulation import Spans
 from firmware_sim.runs.run_log import Row, RunFolder, RunLog
 from stillwake.console.options import Trust
 from stillwake.console.progress import progress
@@ -74,8 +75,7 @@ def main(
     release, config = open_release(bundle, trust), load_config()
     horizon, period = release.manifest.mpc.horizon, config.flow.control_period
     spans: dict[str, Any] = {"lead_in": lead_in, "controlled": controlled, "settle": settle}
-    listening = Listening(OnnxController.of(release))
-    forecasts: list[Array] = []
+    listening, forecasts = Listening(OnnxController.of(release)), list[Array]()
     first, settled = round(lead_in / period), round((lead_in + settle) / period)
     with open_plant("wake", run, config) as wake, progress("periods", console=bars) as shown:
         assert isinstance(wake, TruckWake)
@@ -91,7 +91,7 @@ def main(
             shown("closed loop", done, total, f"Cd {row.sample.Cd:.3f}")
 
         given: dict[str, Any] = {"controller": listening, "plant": nullcontext(wake), "progress": show}
-        log = run_closed_loop(run, release, config, **spans, **given)
+        log = run_closed_loop(run, release, config, Spans(**spans), **given)
     figures = measured(log, np.array(forecasts), settled) | {"mean": [_mean(wake, flow) for flow in flows]}
     facts = {
         "bundle": {"name": release.manifest.name, "digest": release.digest},

@@ -117,7 +117,8 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
         _merge(changes, change)
     _merge(tree, asked)
     _merge(tree, changes)
-    return Loaded(config=from_tree(tree), in_file=frozenset(_leaves(asked)), in_overrides=frozenset(_leaves(changes)))
+    in_file, in_overrides = (frozenset(name for name, _ in leaves(given)) for given in (asked, changes))
+    return Loaded(config=from_tree(tree), in_file=in_file, in_overrides=in_overrides)
 
 
 def training(*, quick: bool = False) -> Config:
@@ -201,9 +202,10 @@ def _merge(tree: dict[str, Any], change: Mapping[str, Any]) -> None:
             tree[key] = value
 
 
-def _leaves(tree: Mapping[str, Any], above: str = "") -> Iterator[str]:
+def leaves(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield (dotted name, value) for every value in nested mappings."""
     for key, value in tree.items():
         if isinstance(value, Mapping):
-            yield from _leaves(value, f"{above}{key}.")
+            yield from leaves(value, f"{above}{key}.")
         else:
-            yield f"{above}{key}"
+            yield f"{above}{key}", value

@@ -42,7 +42,7 @@ _COUNTED: Final = (
     *("ecu.sensor_check.doubt_periods", "ecu.sensor_check.flat_periods", "ecu.benefit_check.mean_periods"),
     *("ecu.benefit_check.wake_periods", "ecu.benefit_check.first_period", "ecu.benefit_check.doubt_periods"),
 )
-_MOST: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.window": 255} | dict.fromkeys(
+_MOST: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.window": 254} | dict.fromkeys(
     _COUNTED, 2**29
 )
 """Largest values, in periods, for which the ECU in C has space; their sums in the C code fit into an int."""

@@ -1,7 +1,7 @@
 """A closed-loop run under a bundle's controller, with its results in a run folder."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from can_bridge.wire.messages import Mode
 from contract.atomic import replacing
 from contract.config.tree import Config
 from contract.release.checks import Bundle
-from firmware_sim.bench.disturbances import Disturbance, Disturbances
+from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.simulation import Simulation, Spans
 from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.control import mode_names
@@ -28,24 +28,20 @@ def run_closed_loop(
     output: Path,
     bundle: Bundle,
     config: Config,
+    spans: Spans,
     *,
-    lead_in: float,
-    controlled: float,
-    settle: float,
-    averages: bool = True,
+    disturbances: Disturbances | None = None,
     origin: RunOrigin | None = None,
     ready: Callable[[int], None] = lambda total: None,
     progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
     plant: AbstractContextManager[LivePlant] | None = None,
-    faults: Sequence[Disturbance] = (),
-    fault_seed: int = 0,
     progress_without: Callable[[int, int], None] = lambda done, total: None,
     report: Callable[[RunFolder], object] = lambda folder: None,
     **parts: Any,
 ) -> RunLog:
     """Run a wake under the bundle's controller and write the results to `output`. Raises StillwakeError if the folder
-    cannot be written, or as `Simulation` does. `Spans`, `Simulation` and `Simulation.run` explain the arguments that
-    are not listed here.
+    cannot be written, or as `Simulation` does. `Simulation` and `Simulation.run` explain the arguments that are not
+    listed here.
 
     Args:
         output: run folder (`firmware_sim.runs.run_log`), created if it does not exist. An earlier run in this folder
@@ -57,15 +53,8 @@ def run_closed_loop(
     # This import takes a second, because python-can loads all its log writers. So the import is inside the function.
     from can_bridge.logs.candump_log import recording
 
-    disturbances = Disturbances(items=tuple(faults))
-    simulation = Simulation(
-        bundle,
-        config,
-        spans=Spans(lead_in=lead_in, controlled=controlled, settle=settle, averages=averages),
-        disturbances=disturbances,
-        seed=fault_seed,
-        **parts,
-    )
+    disturbances = Disturbances() if disturbances is None else disturbances
+    simulation = Simulation(bundle, config, spans=spans, disturbances=disturbances, **parts)
     with ExitStack() as stack:
         # The output folder appears only if the block succeeds, so it never contains an incomplete run.
         folder = RunFolder(stack.enter_context(replacing(output, keep=True)))

@@ -22,9 +22,10 @@ from typing import Annotated, Final, Literal, Self, TypeVar
 
 from can_bridge.bus.faults.fault import BusFault, Instant, Probability, Span
 from can_bridge.bus.faults.frame_faults import FlipBits, StuckAt
-from can_bridge.bus.faults.node_faults import Disconnect
+from can_bridge.bus.faults.node_faults import ClockDrift, Disconnect
 from can_bridge.bus.faults.text import parse_described, parse_fault, text_of
 from contract.config.body import TRUCK_BODY, BodyConfig
+from contract.config.operating_point import OperatingPoint
 from contract.config.rules import Finite, NonNegative, Positive, Rule, require
 from contract.config.tree import Config
 from contract.errors import ConfigError
@@ -69,15 +70,11 @@ class Reset(Instant, section="reset"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class WrongClock(Span, section="clock"):
+class WrongClock(ClockDrift, section="clock"):
     """An ECU clock whose rate or time differs from the vehicle's clock. The vehicle's clock times the periods. The
     ECU's clock gives the times of steps and received frames; at the span's end it jumps to the correct time."""
 
     node: Literal["ecu"] = "ecu"
-    ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0
-    """Error of the clock's rate, in parts per million; a positive value makes the clock fast."""
-    offset_s: Finite[float] = 0.0
-    """Time in s by which the ECU's clock is ahead at the start of the span."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,8 +124,18 @@ class VehiclePoint(Span, section="operating_point"):
     """The vehicle's speed in m/s and the air's density in kg/m3; None means the ECU's `operating_point`. Both scale
     the pressures in Pa. The speed also scales the jets' flow rates in m2/s, but not the Reynolds number."""
 
-    speed: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
-    density: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
+    speed: float | None = None
+    density: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.speed is not None or self.density is not None, self, "speed", "a number, unless density is given")
+        self.instead_of(OperatingPoint())
+
+    def instead_of(self, point: OperatingPoint) -> OperatingPoint:
+        """Return `point` with these values. Raises ConfigError for a value that no operating point may have."""
+        given = {"speed": self.speed, "density": self.density}
+        return replace(point, **{name: value for name, value in given.items() if value is not None})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,6 +184,14 @@ class Density(Span, section="density"):
     density: Positive[float]
     stated: bool = False
     """Whether the vehicle sends this density together with its speed."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.instead_of(OperatingPoint())
+
+    def instead_of(self, point: OperatingPoint) -> OperatingPoint:
+        """Return `point` with this density. Raises ConfigError for a density that no operating point may have."""
+        return replace(point, density=self.density)
 
 
 KINDS: Final[dict[str, type[Span]]] = {

@@ -4,7 +4,6 @@ The module also runs a plant whose inflow follows a drive, and the same drive wi
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 from typing import Final, TypeVar
@@ -13,7 +12,7 @@ import numpy as np
 
 from can_bridge.bus.faults.fault import NS, FaultyBus, Span, WrappedBus, wrap
 from can_bridge.bus.faults.frame_faults import WireErrors
-from can_bridge.bus.faults.node_faults import Babble, ClockDrift
+from can_bridge.bus.faults.node_faults import Babble
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus
 from can_bridge.wire.frame import Frame
@@ -121,7 +120,7 @@ class Disturbing:
         self._items, self._texts = disturbances.items, disturbances.texts
         self._config, self._seed, self._before = config, seed, before
         self._acted: Counter[int] = Counter()
-        self._transducers, self._clocks = [], list[ClockDrift]()
+        self._transducers = []
         self._in_ports: dict[int, NodeFault] = {}  # by the index in the order given
         for place, item in enumerate(self._items):
             if isinstance(item, SensorDisturbance):
@@ -129,9 +128,7 @@ class Disturbing:
                 at = [list(sensors).index(name) for name in item.named]
                 self._transducers.append((place, item, item.begun(at, config, int(drawn.generate_state(1)[0]))))
             elif isinstance(item, kinds.WrongClock):
-                drift = ClockDrift(start_s=item.start_s, end_s=item.end_s, ppm=item.ppm, offset_s=item.offset_s)
-                self._clocks.append(drift)
-                self._in_ports[place] = NodeFault(text=self._texts[place], node="ecu", fault=drift)
+                self._in_ports[place] = NodeFault(text=self._texts[place], node="ecu", fault=item)
             elif isinstance(item, NodeFault):
                 self._in_ports[place] = item
         self._speeds: list[float] = []  # vehicle's speed in every period so far, m/s
@@ -174,8 +171,8 @@ class Disturbing:
         return cp
 
     def ecu_clock(self, now_ns: int) -> int:
-        for drift in self._clocks:
-            now_ns = drift.local_ns(now_ns)
+        for _, clock in self._each(kinds.WrongClock):
+            now_ns = clock.local_ns(now_ns)
         return now_ns
 
     def plan_resets(self, bus: SimulatedBus, loop: VirtualLoop) -> None:
@@ -196,15 +193,14 @@ class Disturbing:
         full = self._config.flow.action_limit
         point, limit, stuck_at = self._config.operating_point, full, None
         for _, vehicle in self._acting(kinds.VehiclePoint, now_ns):
-            given = {"speed": vehicle.speed, "density": vehicle.density}
-            point = replace(point, **{name: value for name, value in given.items() if value is not None})
+            point = vehicle.instead_of(point)
         for _, saturated in self._acting(kinds.ActionLimit, now_ns):
             limit = saturated.action_limit * full
         for _, stuck in self._acting(kinds.StuckJets, now_ns):
             stuck_at = stuck.stuck_jets * full
         stated_density = None
         for _, air in self._acting(kinds.Density, now_ns):
-            point, stated_density = replace(point, density=air.density), air.density if air.stated else None
+            point, stated_density = air.instead_of(point), air.density if air.stated else None
         node.operating_point, node.action_limit, node.stuck_at = point, limit, stuck_at
         node.stated_density = stated_density
         list(self._acting(kinds.OtherBody, now_ns))

@@ -5,8 +5,8 @@ On the bus, for every JetCommand that the ECU sends:
     bus_bounds      the flow is within the action limit; the flow is 0 if `Enable` is off, and `Enable` is on only in
                     modes that drive the jets
     bus_rate        the flow differs from the previous flow by at most `ecu.command_step`, unless it goes to 0
-    bus_age         in CONTROL the command's pressures are at most `ecu.pressure_age` old; in HOLD and DECAY their
-                    largest age follows from `ecu.hold_periods` and `ecu.decay_periods`
+    bus_age         in CONTROL the command's pressures are at most `ecu.pressure_age` old, as far as the ECU can tell;
+                    in HOLD and DECAY their largest age follows from `ecu.hold_periods` and `ecu.decay_periods`
     enable_edge     after OFF, FAULT or a restart (visible in the counter) there is no control before the ECU has
                     received a low request and then a high request
 
@@ -35,7 +35,6 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple, Self, TypeVar
 
 from can_bridge.bus.faults.fault import NS
-from can_bridge.bus.faults.frame_faults import Delay, StuckAt
 from can_bridge.bus.faults.node_faults import ClockDrift
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.frame import Frame
@@ -55,8 +54,6 @@ _WANTED: Final = DRIVING | {Mode.WARMUP}
 AGE_TOLERANCE: Final = 0.01
 """Tolerance of ages as a share of a period. Two errors of an age are far smaller: clocks whose rates differ by 200 ppm,
 and the time from a frame's arrival to the reading of the bus."""
-_LONGEST_S: Final = 1e6
-"""Length in s that replaces the length of a span without an end."""
 ROUNDING: Final = 1e-9
 """Tolerance for the rounding of floating-point numbers that are compared with a limit."""
 
@@ -210,29 +207,20 @@ class Invariants:
         self._was_wanted = self._low_heard = self._edge_heard = False
         self._jets = Jets(config)
         self._sampled: dict[int, tuple[int, int]] = {}  # counter of a Pressure frame: (period, time in ns)
+        self._reached: dict[int, int] = {}  # the same: time stamp in ns of the first frame that the ECU received
         self._arrived: list[Frame] = []
 
     @classmethod
     def of(cls, config: Config, disturbances: Disturbances) -> Self:
         """Return the invariants of a run with these disturbances.
 
-        Some faults hide the age of pressures from the ECU: a gateway that gives delayed frames new time stamps, an ECU
-        clock that is ahead, and a transmit buffer that is sent again, if its first frame was lost and a copy reaches
-        the ECU. The vehicle's jets are checked against the true age.
+        Time stamps from an ECU clock that is ahead hide the age of pressures from the ECU.
         """
         hidden_s = drift = 0.0
         for one in disturbances.items:
-            if not isinstance(one, NodeFault):
-                continue
-            fault = one.fault
-            if isinstance(fault, StuckAt) and not fault.counter_runs:
-                # This fault matters only for pressures, which the vehicle sends and the ECU receives.
-                if (one.node == "vehicle") == (fault.at == "send"):
-                    hidden_s += min(fault.end_s - fault.start_s, _LONGEST_S)
-            elif one.node == "ecu" and isinstance(fault, Delay) and fault.restamp:
-                hidden_s += fault.delay_s + fault.jitter_s
-            elif one.node == "ecu" and isinstance(fault, ClockDrift):
-                hidden_s, drift = hidden_s + max(0.0, fault.offset_s), drift + max(0.0, fault.ppm) / 1e6
+            if isinstance(one, NodeFault) and one.node == "ecu" and isinstance(one.fault, ClockDrift):
+                hidden_s += max(0.0, one.fault.offset_s)
+                drift += max(0.0, one.fault.ppm) / 1e6
         jets_follow = not any(isinstance(one, StuckJets) for one in disturbances.items)
         return cls(config, hidden_ns=round(hidden_s * NS), drift=drift, jets_follow=jets_follow)
 
@@ -247,6 +235,9 @@ class Invariants:
             if (command := parsed(self._command, frame)) is not None:
                 self._judge_command(command, profile_of(self._command.spec).counter_of(frame.data), now_ns)
         elif (pressure := parsed(self._pressure, frame)) is not None:
+            counter = profile_of(self._pressure.spec).counter_of(frame.data)
+            if self._reached.get(counter, -1) < self._sampled.get(counter, (0, 0))[1]:
+                self._reached[counter] = min(frame.timestamp_ns, now_ns)
             self._edge_heard |= self._low_heard and pressure.enable_request
             self._low_heard |= not pressure.enable_request
 
@@ -300,7 +291,10 @@ class Invariants:
         if sampled is None:
             self._broken("bus_age", f"{command.mode.name} is based on pressures that were not sent (counter {counter})")
             return
-        age_ns = now_ns - round(ecu.compute_time_ms * 1e6) - sampled[1]
+        # A gateway that gives delayed frames new time stamps, a wait for the bus, and a transmit buffer that is sent
+        # again hide the age before the time stamp. The vehicle's jets are checked against the true age.
+        known_ns = max(sampled[1], self._reached.get(-1 if counter is None else counter, 0))
+        age_ns = now_ns - round(ecu.compute_time_ms * 1e6) - known_ns
         if age_ns > (oldest + AGE_TOLERANCE) * period_ns + self._hidden_ns + self._drift * now_ns:
             self._broken("bus_age", f"{command.mode.name} is based on pressures that are {age_ns / 1e6:g} ms old")
 

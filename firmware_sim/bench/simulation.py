@@ -154,14 +154,13 @@ def wire(
     loop = VirtualLoop(
         wake,
         node,
-        ecu.ecu,
+        ecu,
         bus,
         port_of("vehicle"),
         port_of("ecu"),
         config,
         ecu_health=ports["ECU"].health,
         ecu_clock=disturbs.ecu_clock,
-        step_ns=ecu.step_ns,
     )
     return Wired(bus=bus, ports=ports, node=node, loop=loop, waits=waits)
 

@@ -236,9 +236,9 @@ class VehicleNode:
             # the step is limited again, from the action that the jets have reached.
             self._action = self._in_reach_of(self._driven_to, self._action)
         self._driven_to = before if self._next_period else self._action
-        delayed = self._delayed(self._driven_to)  # the driver receives commands also while the jets are stuck
+        self._commanded = self._commanded.pushed(self._driven_to)  # also while the jets are stuck
         return Actuation(
-            action=delayed if self.stuck_at is None else self.stuck_at,
+            action=self._commanded.in_force if self.stuck_at is None else self.stuck_at,
             command=None if command is None else frame,
             sampled_ns=None if command is None else self._echo.sampled_ns,
             next_period=self._next_period,
@@ -269,11 +269,6 @@ class VehicleNode:
     def _is_too_old(self, command: JetCommand) -> bool:
         age = self._echo.age
         return _drives(command) and (age is None or age > self._oldest_echo)
-
-    def _delayed(self, action: float) -> float:
-        """Store the newest action; return the action of `actuator_delay` periods ago."""
-        self._commanded = self._commanded.pushed(action)
-        return self._commanded.in_force
 
     @property
     def foreseen_action(self) -> float:

@@ -26,7 +26,7 @@ from dataclasses import replace
 from functools import partial
 from typing import ClassVar
 
-from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
+from can_bridge.bus.interface import Bus, BusHealth
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import worst_case_ns
@@ -35,7 +35,7 @@ from can_bridge.wire.message_specs import MessageSpec
 from contract.config.tree import Config
 from contract.errors import BusError
 from contract.runtime.copies import NeverCopied
-from ecu.stepped import SteppedEcu
+from ecu.stepped import LoopEcu
 from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
 from firmware_sim.runs.run_log import BusTotals, Row
 from wake.plant.protocol import Plant
@@ -66,7 +66,6 @@ class VirtualLoop(NeverCopied):
         bus: the bus, at time 0; the loop advances its time.
         at_vehicle, at_ecu: the nodes' ports of this bus, or wrappers around these ports.
         ecu_clock: function from a time of the run to the time on the ECU's clock, in ns.
-        step_ns: returns the computing time of the ECU's latest step in ns; by default `ecu.compute_time_ms`.
 
     Attributes:
         planned_ns: computing times in ns of all steps so far in which the controller planned.
@@ -79,28 +78,26 @@ class VirtualLoop(NeverCopied):
         self,
         plant: Plant,
         node: VehicleNode,
-        ecu: SteppedEcu,
+        ecu: LoopEcu,
         bus: SimulatedBus,
         at_vehicle: Bus,
         at_ecu: Bus,
         config: Config,
         *,
-        ecu_health: Callable[[], BusHealth] = lambda: HEALTHY,
-        ecu_clock: Callable[[int], int] = lambda now_ns: now_ns,
-        step_ns: Callable[[], int] | None = None,
+        ecu_health: Callable[[], BusHealth],
+        ecu_clock: Callable[[int], int],
     ) -> None:
-        self._plant, self._node, self._ecu, self._bus = plant, node, ecu, bus
+        self._plant, self._node, self._bus = plant, node, bus
         self._at_vehicle, self._at_ecu, self._ecu_health = at_vehicle, at_ecu, ecu_health
         self._ecu_clock = ecu_clock
-        self._power_on = ecu.state
+        self._power_on = ecu.ecu.state
         self._boots = self._booted_ns = self._rejected = 0  # rejected: by the ECU, before its latest reset
         messages = message_set(config.bus)
         self._pressure, self._command = messages.pressure.spec, messages.command.spec
         self._substeps, self._period_ns = config.flow.substeps, config.period_ns
         self._wait_ns = max(config.period_ns // 2, _pressure_frame_ns(config))
-        compute_ns = round(config.ecu.compute_time_ms * 1e6)
-        self._charged: Callable[[], int] = lambda: compute_ns
-        self._step_ns = self._charged if step_ns is None else step_ns
+        self._compute_ns = round(config.ecu.compute_time_ms * 1e6)
+        self._ecu, self._step_ns = ecu.ecu, ecu.step_ns
         self.planned_ns: list[int] = []
         self.now_ns = 0
         self._busy_until_ns = 0
@@ -145,11 +142,10 @@ class VirtualLoop(NeverCopied):
     def ecu_is_up(self) -> bool:
         return self._bus.now_ns >= self._booted_ns
 
-    def exchange_ecu(self, ecu: SteppedEcu, step_ns: Callable[[], int] | None = None) -> None:
+    def exchange_ecu(self, ecu: LoopEcu) -> None:
         """Replace the ECU by an ECU of the same bundle and settings, which continues from the old ECU's state."""
-        ecu.restore(self._ecu.state)
-        self._ecu = ecu
-        self._step_ns = self._charged if step_ns is None else step_ns
+        ecu.ecu.restore(self._ecu.state)
+        self._ecu, self._step_ns = ecu.ecu, ecu.step_ns
 
     def totals(self) -> BusTotals:
         """Return the frame counts so far; a frame that is still being transmitted does not count as lost."""
@@ -183,7 +179,7 @@ class VirtualLoop(NeverCopied):
         answers = self._ecu.step(self._ecu_clock(now_ns), self._inbox, self._ecu_health())
         elapsed = time.perf_counter() - began
         self._inbox = []
-        takes_ns = self._step_ns()
+        takes_ns = self._compute_ns if self._step_ns is None else self._step_ns()
         if self._ecu.trace.forces is not None:
             self.planned_ns.append(takes_ns)
         self._busy_until_ns = now_ns + takes_ns

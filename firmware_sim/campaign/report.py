@@ -24,7 +24,6 @@ from firmware_sim.campaign.folder import CampaignFolder
 from firmware_sim.campaign.judgement import ScenarioRow, Spread, Use, criteria_text
 from firmware_sim.campaign.scenario import UNDISTURBED, Criteria
 from firmware_sim.runs import pages
-from firmware_sim.runs.metadata import leaves
 
 PAPERS_UNCONTROLLED_CD: Final = 1.051
 PAPERS_DELAYED_CD: Final = {0: 0.918, 12: 0.950}
@@ -85,7 +84,7 @@ def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day
             for title, rows in groupby(result.rows, lambda row: row.scenario.group)
         ],
         curves=[(_CURVES[name][0], pages.data_uri(png), _CURVES[name][1]) for name, png in pictures.items()],
-        settings=[f"{name} = {value}" for name, value in leaves({name: tree[name] for name in _USED})],
+        settings=[f"{name} = {value}" for name, value in loading.leaves({name: tree[name] for name in _USED})],
     )
 
 

@@ -52,7 +52,6 @@ class Periods:
     `origin_ns`.
 
     Attributes:
-        first: number of the first period in the vehicle's numbering.
         origin_ns: scheduled instant of the first period, CLOCK_MONOTONIC.
         scheduled: sampling instants, shape (n,).
         answered: arrival of the first command computed from these or newer pressures, shape (n,); infinite if none.
@@ -62,7 +61,6 @@ class Periods:
     """
 
     period_ns: int
-    first: int
     origin_ns: int
     scheduled: Array
     answered: Array
@@ -132,7 +130,6 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
     stages[Stage.ALL] = np.where(counts, answered - scheduled, np.nan)
     return Periods(
         period_ns=period_ns,
-        first=first,
         origin_ns=origin,
         scheduled=scheduled,
         answered=answered,

@@ -126,25 +126,15 @@ def equipment_header(root: PublicKey, access_key: bytes, vehicle: bytes, hardwar
     return "".join(f"#define SW_BOARD_{name} {value}\n" for name, value in found.items()).encode()
 
 
-def compile_block_counter(output: Path) -> None:
-    """Compile the hook of `firmware_sim.mcu.emulator.BlockCounter`; raises McuError if this fails."""
-    source = files("firmware_sim").joinpath("mcu/c_host/block_counter.c").read_bytes()
-    _compile({"block_counter.c": source}, output, ("-O2", "-fPIC", "-shared"))
-
-
-def compile_replay(sources: Mapping[str, bytes], program: Path) -> None:
-    """Compile the example program for this machine; raises McuError in the same cases as `compile_for_cortex_m7`."""
-    _compile(sources, program, (*COMMON, "-march=native"))
-
-
 def _linked(contents: Mapping[str, bytes], script: str, entry: str, core: Core) -> bytes:
     with tempfile.TemporaryDirectory() as place:
         image = Path(place, "firmware.elf")
-        _compile(contents, image, (*COMMON, *BARE, script, f"-Wl,-e,{entry}", f"-mcpu={core.cpu}"))
+        compile_with_zig(contents, image, (*COMMON, *BARE, script, f"-Wl,-e,{entry}", f"-mcpu={core.cpu}"))
         return image.read_bytes()
 
 
-def _compile(sources: Mapping[str, bytes], output: Path, flags: Sequence[str]) -> None:
+def compile_with_zig(sources: Mapping[str, bytes], output: Path, flags: Sequence[str]) -> None:
+    """Compile for any machine that the flags name; raises McuError as `compile_for_cortex_m7` does."""
     compiler = zig_compiler()
     if compiler is None:
         raise McuError(NO_COMPILER)

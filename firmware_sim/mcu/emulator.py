@@ -4,6 +4,7 @@ import ctypes
 import tempfile
 from collections.abc import Iterator, Sequence
 from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -14,7 +15,7 @@ from unicorn.unicorn_py3 import unicorn as bindings
 
 from contract.errors import McuError
 from contract.runtime.copies import NeverCopied
-from firmware_sim.mcu.build import CORTEX_M7, Core, Firmware, compile_block_counter
+from firmware_sim.mcu.build import CORTEX_M7, Core, Firmware, compile_with_zig
 from firmware_sim.mcu.pipeline import Pipeline
 
 FLASH: Final = 0x0800_0000
@@ -40,7 +41,8 @@ class _BlockCounts(ctypes.Structure):
 def _library() -> ctypes.CDLL:
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder, "block_counter.so")
-        compile_block_counter(library)
+        source = files("firmware_sim").joinpath("mcu/c_host/block_counter.c").read_bytes()
+        compile_with_zig({"block_counter.c": source}, library, ("-O2", "-fPIC", "-shared"))
         return ctypes.CDLL(str(library))
 
 
@@ -175,9 +177,3 @@ class Machine(EmulatedCore):
 
     def read(self, symbol: str, size: int) -> bytes:
         return self.peek(self.symbol(symbol), size)
-
-    def stack_used(self, function: str) -> int:
-        """Call a function and return the number of bytes of the stack that the call touches."""
-        self.paint_stack()
-        self.call(function)
-        return self.stack_depth()

@@ -12,7 +12,7 @@ import numpy as np
 from contract.controller.c_folder import ProgramRows, ProgramSettings, rows_from_text, rows_text
 from contract.controller.interface import REFUSALS, TERMS
 from contract.errors import McuError
-from firmware_sim.mcu.build import CORTEX_M7, Core, Firmware, compile_for_cortex_m7, compile_replay, read_elf
+from firmware_sim.mcu.build import COMMON, CORTEX_M7, Core, Firmware, compile_for_cortex_m7, compile_with_zig, read_elf
 from firmware_sim.mcu.emulator import Machine
 
 MCU_PHASES: Final = ("compile", "emulate", "run on this host", "count cycles")
@@ -91,7 +91,9 @@ def measure(
     found = _replay(machine, rows, window, settings.number("SW_HORIZON"))
     phase(MCU_PHASES[2])
     expected = _on_host(sources, rows)
-    stack = machine.stack_used("mcu_longest_step")
+    machine.paint_stack()
+    machine.call("mcu_longest_step")
+    stack = machine.stack_depth()
     phase(MCU_PHASES[3])
     counter.start()
     machine.call("mcu_longest_step")
@@ -142,7 +144,7 @@ def _replay(machine: Machine, rows: ProgramRows, window: int, horizon: int) -> P
 def _on_host(sources: Mapping[str, bytes], rows: ProgramRows) -> ProgramRows:
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder, "replay")
-        compile_replay(sources, program)
+        compile_with_zig(sources, program, (*COMMON, "-march=native"))
         done = subprocess.run([program], input=rows_text(rows), capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise McuError(f"the example program failed on the host: {done.stderr.strip()}")

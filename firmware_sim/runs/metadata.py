@@ -1,7 +1,7 @@
 """The description of a run: controller, plant, settings, versions, and the command that started the run."""
 
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import date
 from importlib.metadata import version
@@ -142,13 +142,4 @@ def settings_of(run: RunMetadata) -> dict[str, str]:
     """Return a run's settings by dotted TOML names. Settings of `mpc` are from the bundle, weights from the run."""
     used = {name: value for name, value in loading.to_tree(run.config).items() if name not in _UNUSED}
     built = asdict(run.mpc) | {"weights": asdict(run.weights)}
-    return {name: str(value) for name, value in leaves(used | {"mpc": built})}
-
-
-def leaves(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield (dotted name, value) for every value in nested mappings."""
-    for name, value in tree.items():
-        if isinstance(value, Mapping):
-            yield from leaves(value, f"{above}{name}.")
-        else:
-            yield f"{above}{name}", value
+    return {name: str(value) for name, value in loading.leaves(used | {"mpc": built})}

@@ -8,7 +8,7 @@ from typing import Annotated, Final
 import typer
 
 from contract.config.listing import Section, Setting, as_toml, sections, shown
-from contract.config.loading import PAPER, Loaded
+from contract.config.loading import PAPER, Loaded, load_config
 from contract.config.rules import Source
 from contract.errors import ConfigError
 from stillwake.console import options as shared
@@ -34,14 +34,28 @@ def config(
     in `export` and `refine` it changes the model's settings, and in `train` it changes the training's settings.
     """
     loaded = read_settings(given)
-    listed = chosen(sections(loaded.config), prefix, only_changed=changed)
+    everything = sections(loaded.config)
+    listed = chosen(everything, prefix, only_changed=changed)
     if toml:
+        if prefix:
+            _check_complete(chosen(everything, prefix, only_changed=False), listed)
         text = as_toml(listed, base=None if prefix else PAPER)
     elif not listed:
         text = f"{prefix or 'all settings'}: as in the paper"
     else:
         text = "\n".join(table(listed, loaded, explain=bool(prefix)))
     console.print(text.rstrip("\n"))
+
+
+def _check_complete(whole: Sequence[Section], listed: Sequence[Section]) -> None:
+    """Raise ConfigError if a file with the `listed` settings would leave a setting of `whole` at the release's value: a
+    setting that is none, or one that `--changed` leaves out."""
+    release = {one.name: one.value for section in sections(load_config()) for one in section.settings}
+    written = {one.name for section in listed for one in section.settings if one.value is not None}
+    for one in (one for section in whole for one in section.settings):
+        if one.name not in written and one.value != release[one.name]:
+            remedy = f"a file for these settings alone leaves the release's {shown(release[one.name])}"
+            raise ConfigError(f"{one.name} is {shown(one.value)}: {remedy}; print the file without the prefix")
 
 
 def chosen(listed: Sequence[Section], prefix: str, *, only_changed: bool) -> tuple[Section, ...]:

@@ -3,7 +3,6 @@
 import shlex
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict
 from datetime import date
 from math import isfinite
 from pathlib import Path
@@ -25,6 +24,7 @@ from stillwake.parts.wakes import driven_at
 
 if TYPE_CHECKING:
     from ecu.stepped import LoopEcu
+    from firmware_sim.bench.simulation import Spans
     from firmware_sim.runs.run_log import Row, RunLog
     from wake.plant.drive import Drive
 
@@ -92,14 +92,14 @@ def run(
     steady-60 to steady-140 (percent of operating_point.speed, in tens), steps, ramps, wltc-high, gusty-ramp, or a CSV
     file with the columns t_s and speed_m_per_s. docs/how-to/drive-at-other-speeds.md has more.
     """
-    from firmware_sim.bench.disturbances import parse_disturbance
+    from firmware_sim.bench.disturbances import Disturbances
     from firmware_sim.runs.run_log import RunFolder
     from firmware_sim.runs.run_page.measurement import write_run
     from firmware_sim.runs.summary import summary
 
     _check_reduction(require_reduction, averages=not no_averages)
     kind, clock_mhz = ecu_of(ecu)
-    disturbances = [parse_disturbance(text) for text in disturb]
+    disturbances = Disturbances.parse(disturb)
     folder = RunFolder(output)
     claim(output, folder=True)
     folder.check_free(overwrite=overwrite)
@@ -112,10 +112,10 @@ def run(
     driven, config = driven_at(drive, loaded.config)
     chosen = {
         "calibration": asked_calibration(loaded, release),
-        **_spans(config, driven, lead_in, controlled, settle, averages=not no_averages),
+        "spans": _spans(config, driven, lead_in, controlled, settle, averages=not no_averages),
         "drive": driven,
-        "faults": disturbances,
-        "fault_seed": seed,
+        "disturbances": disturbances,
+        "seed": seed,
     }
     console.print(*describe(release), sep="\n")
     if config.ecu.sensor_check.enabled and release.manifest.sensor_estimator is None:
@@ -155,15 +155,15 @@ def _check_reduction(percent: float | None, *, averages: bool) -> None:
 
 def _spans(
     config: Config, drive: "Drive | None", lead_in: float, controlled: float | None, settle: float, *, averages: bool
-) -> dict[str, Any]:
-    """Return the fields of the run's `Spans`. Invalid times raise an error here, before a C library is made."""
+) -> "Spans":
+    """Return the run's spans. Invalid times raise an error here, before a C library is made."""
     from firmware_sim.bench.simulation import Spans
 
     if controlled is None:
         controlled = 100.0 if drive is None else drive.duration_s / config.operating_point.convective_time
     spans = Spans(lead_in=lead_in, controlled=controlled, settle=settle, averages=averages)
     spans.periods(config.flow.control_period)
-    return asdict(spans)
+    return spans
 
 
 def _closed(
@@ -182,7 +182,6 @@ def _closed(
     from can_bridge.wire.messages import Mode
     from ecu.in_c.host_library import open_library
     from firmware_sim.bench.closed_loop import run_closed_loop
-    from firmware_sim.bench.disturbances import Disturbances
     from firmware_sim.runs.metadata import RunOrigin
     from firmware_sim.runs.run_page.report import write_report
     from wake.plants import open_plant
@@ -199,8 +198,8 @@ def _closed(
         flow = open_plant(
             plant,
             output,
-            Disturbances(items=tuple(chosen["faults"])).plant(config),
-            chosen["lead_in"] + chosen["controlled"],
+            chosen["disturbances"].plant(config),
+            chosen["spans"].lead_in + chosen["spans"].controlled,
             lambda t, total: report("the wake's start", round(t, 1), total, unit="t_c"),
             start=state,
         )

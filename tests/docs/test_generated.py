@@ -2,18 +2,16 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
 from dataclasses import fields
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 import pytest
 from cantools.database import Database
 
 from can_bridge.bus.faults.text import BUS_FAULTS
 from can_bridge.uds.services import Nrc
-from contract.config.loading import load_config, to_tree
+from contract.config.loading import leaves, load_config, to_tree
 from docs import can_messages, command_line, diagnosis, rooms, settings, states
 from docs.made import PARTS, PLACE
 from docs.site import api, source
@@ -98,13 +96,8 @@ def test_a_negative_response_is_left_out_only_where_no_answer_of_the_ecu_has_it(
 
 
 def test_every_setting_has_a_line_with_default_release_unit_bounds_source_and_meaning():
-    def leaves(prefix: str, tree: dict[str, Any]) -> Iterator[str]:
-        for name, value in tree.items():
-            full = f"{prefix}.{name}".lstrip(".")
-            yield from leaves(full, value) if isinstance(value, dict) else [full]
-
     lines = {line.split("`")[1]: line for line in settings.lists().splitlines() if line.startswith("- `")}
-    assert sorted(lines) == sorted(leaves("", to_tree(load_config())))
+    assert sorted(lines) == sorted(dict(leaves(to_tree(load_config()))))
     assert lines["train.epochs"].startswith("- `train.epochs` 300 passes, release 40: Passes over the windows")
     assert "(shap, qr, greedy, random, hand), release greedy: " in lines["train.selection"]
     assert lines["train.selection"].endswith("(paper, section 2.3.1)")

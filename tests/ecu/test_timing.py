@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from can_bridge.wire.messages import Reason
 from contract.config.vehicle import EcuConfig
+from ecu.fail_safe import FailSafe, OperatingMode, PeriodInputs
 from ecu.timing import LATEST_NS, StepTiming
 from tests.each import each
 
@@ -71,6 +72,22 @@ LATE, EARLY = Reason.DEADLINE, Reason.CLOCK
 def test_misses_end_in_a_fault_when_the_settings_say(intervals, settings, expected):
     faults = [(k, timing.fault) for k, timing in enumerate(after(*intervals, **settings)) if timing.fault]
     assert (faults[0] if faults else None) == expected
+
+
+def test_a_window_longer_than_any_memory_is_as_good_as_one_that_is_never_full():
+    endless = EcuConfig(deadline_window=2**62, deadline_misses=2**62, loss_window=2**62, loss_limit=2**62)
+    full = EcuConfig(deadline_window=6, deadline_misses=6, loss_window=6, loss_limit=6)
+    found = []
+    for config in (endless, full):
+        timing, mode = StepTiming(), FailSafe(mode=OperatingMode.CONTROL)
+        for k, now_ns in enumerate((0, PERIOD, 4 * PERIOD, 6 * PERIOD, 7 * PERIOD)):
+            timing = timing.next(now_ns, PERIOD, config)
+            inputs = PeriodInputs(
+                usable=k % 2 == 0, enable_request=True, unusable_because=Reason.STREAM_LOST, window_full=True
+            )
+            mode = mode.next(inputs, config)
+        found.append((timing.off_time, mode.lost))
+    assert found == [(0b0110, 0b1010)] * 2
 
 
 @each("period, fault", [*((late, LATE) for late in (25.0, 29.9, 30.1, 39.0)), *((e, EARLY) for e in (5.0, 10.0, 12.0))])

@@ -223,7 +223,7 @@ class LiveRun:
 
     def exchange(self, ecu: LoopEcu) -> None:
         """Replace the present ECU by another ECU, which continues from the present ECU's state."""
-        self._loop.exchange_ecu(ecu.ecu, ecu.step_ns)
+        self._loop.exchange_ecu(ecu)
         self.ecu = ecu
 
     def help(self) -> bool:

@@ -17,11 +17,12 @@ from can_bridge.logs.log_reader import CanLog
 from can_bridge.logs.mcap_file import EVENTS_TOPIC, WAKE_TOPIC
 from can_bridge.tools.measurement import WORDS, write_measurement
 from can_bridge.wire.messages import Mode, Reason
+from contract.arrays import Array
 from contract.atomic import replacing
 from contract.ledger import LEDGER_FIELDS
 from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.metadata import settings_of
-from firmware_sim.runs.run_log import COLUMNS, WALL, WITHOUT, RunFolder, RunLog
+from firmware_sim.runs.run_log import WALL, WITHOUT, RunFolder, RunLog
 from firmware_sim.runs.run_page.run_data import events
 from wake.pictures.drawing import FIELD_COLOURS, outline
 from wake.pictures.fields import TOP
@@ -49,14 +50,18 @@ _BODY: Final = (209, 209, 209)
 
 def write_csv(path: Path, log: RunLog) -> None:
     """Write the series, completely or not at all; a missing value is empty. Raises StillwakeError on failure."""
-    columns = {}
-    for name, unit in (COLUMN_UNITS | {name: "1" for name in WITHOUT if name in log.series}).items():
-        columns[f"{name} [{unit}]"] = [_text(name, value) for value in log.series[name]]
-    if WALL in log.series:
-        for name, Cp in zip(log.metadata.sensors, log.series[WALL].T, strict=True):
-            columns[f"Cp_{name} [1]"] = [_text("Cp", value) for value in Cp]
+    columns = {f"{name} [{unit}]": [_text(name, value) for value in values] for name, unit, values in _series(log)}
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows([columns, *zip(*columns.values(), strict=True)])
+
+
+def _series(log: RunLog) -> Iterator[tuple[str, str, Array]]:
+    """Yield name, unit and values, shape (n,), of each series over the n periods of a run."""
+    for name, unit in (COLUMN_UNITS | {name: "1" for name in WITHOUT if name in log.series}).items():
+        yield name, unit, log.series[name]
+    if WALL in log.series:
+        for name, Cp in zip(log.metadata.sensors, log.series[WALL].T, strict=True):
+            yield f"Cp_{name}", "1", Cp
 
 
 def _text(name: str, value: float) -> str:
@@ -84,15 +89,13 @@ def write_run(path: Path, folder: RunFolder) -> Counter[str]:
 def run_group(log: RunLog) -> ChannelGroup:
     """Return a run's series as channels. Their times are the starts of the periods, in s from the start of the run."""
     point = log.metadata.config.operating_point
-    units = {name: _NO_UNIT.get(unit, unit) for name, unit in COLUMN_UNITS.items()}
-    channels = [NamedChannel(name, units[name], log.series[name], WORDS.get(name.title(), {})) for name in COLUMNS]
-    channels += [NamedChannel(name, "", log.series[name]) for name in WITHOUT if name in log.series]
-    wall = log.series.get(WALL, np.empty((0, 0)))
-    channels += [NamedChannel(f"Cp_{name}", "", cp) for name, cp in zip(log.metadata.sensors, wall.T, strict=False)]
     return ChannelGroup(
         name="Run",
         times_s=np.arange(len(log.series["t"])) * log.metadata.config.period_ns / 1e9,
-        channels=tuple(channels),
+        channels=tuple(
+            NamedChannel(name, _NO_UNIT.get(unit, unit), values, WORDS.get(name.title(), {}))
+            for name, unit, values in _series(log)
+        ),
         comment=f"U_inf = {point.speed:g} m/s, W = {point.width:g} m, t_c = {point.convective_time:g} s",
     )
 

@@ -24,6 +24,7 @@ from contract.recording import dataset
 from contract.release import bundle
 from ecu.in_c.compiler import host_compiler
 from firmware_sim.bench.closed_loop import run_closed_loop
+from firmware_sim.bench.simulation import Spans
 from firmware_sim.fmu.fmu_files import ecu_fmu, plant_fmu
 from firmware_sim.runs.run_log import RunFolder
 from firmware_sim.runs.run_page.report import write_report
@@ -57,8 +58,8 @@ def shared(short_release, release, short_recording, tmp_path_factory, coarse) ->
     place = tmp_path_factory.mktemp("pages") / "run"
     short = bundle.load(short_release)
     config = replace(load_config(None, ["flow.refinement=0.4", "flow.substeps=12"]), mpc=short.manifest.mpc)
-    spans: dict[str, Any] = {"lead_in": 7.0, "controlled": 13.0, "settle": 0.0, "averages": False}
-    run_closed_loop(place, short, config, plant=coarse.plant(), **spans)
+    spans = Spans(lead_in=7.0, controlled=13.0, settle=0.0, averages=False)
+    run_closed_loop(place, short, config, spans, plant=coarse.plant())
     write_report(RunFolder(place))
     return Shared(bundle=short_release, run=place, library=release.folder, recording=short_recording)
 

@@ -15,7 +15,7 @@ from can_bridge.bus.interface import BusHealth, BusState
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.controller import CostWeights
-from contract.config.vehicle import EcuConfig
+from contract.config.vehicle import E2eConfig, EcuConfig
 from contract.controller.c_folder import ECU_SETTINGS, library_sources
 from contract.controller.interface import ControllerError
 from contract.errors import ConfigError, LibraryError
@@ -168,6 +168,7 @@ def test_what_has_no_ecu_or_c_cannot_do_is_refused_in_one_line(release, sources,
     check = replace(CONFIG.ecu.sensor_check, doubt_periods=2**30)
     for config, words in (
         (replace(CONFIG, ecu=replace(CONFIG.ecu, loss_window=65)), r"ecu\.loss_window"),
+        (replace(CONFIG, bus=replace(CONFIG.bus, e2e=E2eConfig(window=255))), r"bus\.e2e\.window"),
         (replace(CONFIG, ecu=replace(CONFIG.ecu, sensor_check=check)), r"ecu\.sensor_check\.doubt_periods"),
         (replace(CONFIG, ecu=replace(CONFIG.ecu, hold_periods=2**29 + 1)), r"ecu\.hold_periods = 536870913"),
     ):
@@ -187,7 +188,8 @@ def test_the_largest_settings_that_are_taken_compile(release, tmp_path):
     """Sums of them have room in C's types; warnings are errors. The check is off: the release has no estimator."""
     most = 2**29
     largest = EcuConfig(hold_periods=most, decay_periods=most, rearm_frames=most, loss_window=64, deadline_window=32)
-    contents = ecu_sources(release.folder, release.bundle, replace(CONFIG, ecu=largest))
+    bus = replace(CONFIG.bus, e2e=E2eConfig(window=254, min_ok=254, max_errors=253))
+    contents = ecu_sources(release.folder, release.bundle, replace(CONFIG, bus=bus, ecu=largest))
     assert b"#define SW_SENSOR_CHECK 0\n" in contents[ECU_SETTINGS]
     flags = ("-shared", "-fPIC", "-fsyntax-only")
     compile_c(library_sources(contents), tmp_path / "none", compiler=host_compiler(), flags=flags)

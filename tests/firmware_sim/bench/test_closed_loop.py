@@ -2,7 +2,6 @@
 
 import json
 import secrets
-from typing import Any
 
 import can
 import numpy as np
@@ -16,6 +15,7 @@ from contract.release import bundle
 from contract.release.checks import Bundle
 from examples.random_programs import random_program
 from firmware_sim.bench.closed_loop import run_closed_loop
+from firmware_sim.bench.simulation import Spans
 from firmware_sim.runs import wake_stills
 from firmware_sim.runs.run_log import RunFolder
 from firmware_sim.runs.run_page.report import write_report
@@ -41,10 +41,8 @@ def run(release, coarse, tmp_path_factory):
         folder,
         release,
         Config(flow=coarse.flow),
+        Spans(lead_in=10.0, controlled=10.4, settle=0.4),
         plant=coarse.plant(),
-        lead_in=10.0,
-        controlled=10.4,
-        settle=0.4,
         progress=lambda row, done, total: seen.append((row, done, total)),
     )
     return folder, log, seen
@@ -107,8 +105,8 @@ def test_one_setting_authenticates_both_nodes_and_the_key_stays_where_it_is(shor
     folder = tmp_path / "run"
     release = bundle.load(short_release)
     config = Config(flow=coarse.flow, bus=BusConfig(key=str(tmp_path / "key")))
-    spans: dict[str, Any] = {"lead_in": 2.0, "controlled": 2.0, "settle": 0.0, "averages": False}
-    log = run_closed_loop(folder, release, config, plant=coarse.plant(), **spans)
+    spans = Spans(lead_in=2.0, controlled=2.0, settle=0.0, averages=False)
+    log = run_closed_loop(folder, release, config, spans, plant=coarse.plant())
     write_report(RunFolder(folder))
     assert set(log.series["mode"][-5:]) == {Mode.CONTROL}
     assert (log.bus.lost, log.bus.rejected, log.metadata.status.not_authentic) == (0, 0, 0)

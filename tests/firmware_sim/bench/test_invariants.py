@@ -94,6 +94,7 @@ HARM = (
     st.sampled_from([config for name, config in CONFIGS.items() if name != "busy"]),
     st.integers(0, 1000),
 )
+@example(["wire_errors:bit_error_rate=0.02,at=receive"], DEFAULT, 0)
 @example(["ecu:reorder:window=3", "vehicle:stuck_at@0.6..0.8"], DEFAULT, 0)
 @example(["ecu:clock_drift:ppm=20000", "ecu:delay:delay_s=0.015,jitter_s=0.03,restamp=false"], DEFAULT, 0)
 def test_nothing_is_broken_whatever_disturbs_the_run(texts, config, seed):

@@ -137,14 +137,6 @@ def test_errors_in_what_the_ecu_sends_take_it_off_the_bus_until_it_recovers():
     assert len(run.of(PRESSURE)) == 60
 
 
-def test_pressures_that_a_port_loses_are_missing_in_their_periods():
-    for fault in ("drop:probability=1", "disconnect"):
-        run = Run(f"vehicle:{fault}@0.59..0.65")
-        assert run.modes[29:33].tolist() == [Mode.CONTROL, Mode.HOLD, Mode.DECAY, Mode.DECAY], fault
-        assert set(run.reasons[30:33]) == {Reason.STREAM_LOST}, fault
-        assert set(run.modes[40:]) == {Mode.CONTROL}, fault
-
-
 def test_a_delay_that_looks_like_fresh_frames_shows_in_the_echo_and_one_that_does_not_latches():
     """A gateway's delay is the first, and a queue's can be the second."""
     for restamp in ("true", "false"):
@@ -207,6 +199,8 @@ def test_a_plant_that_cannot_be_disturbed_is_refused_and_one_that_fails_is_given
 
     with pytest.raises(ConfigError, match="this plant's flow cannot change"):
         Run("reynolds=700", plant=Bare(CONFIG.flow.substeps))
+    with pytest.raises(ConfigError, match="drive up: this plant has a constant speed"):
+        Run(drive=UP)
     plant = Breaks(CONFIG)
     with pytest.raises(ArithmeticError):
         Run("reynolds=700", "gust:amplitude=0.1,period=1", plant=plant)
@@ -343,8 +337,3 @@ def test_a_drive_at_the_design_speed_is_the_run_without_one_to_the_bit(short_rel
     # Until the jets move, both flows are one.
     assert np.array_equal(steady.series["without_Cd"][:5], steady.series["Cd"][:5])
     assert steady.series["without_Cd"][-1] != steady.series["Cd"][-1]
-
-
-def test_a_drive_needs_a_flow_that_can_have_it():
-    with pytest.raises(ConfigError, match="drive up: this plant has a constant speed"):
-        Run(drive=UP)

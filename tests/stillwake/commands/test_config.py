@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contract.config.listing import as_toml, sections, shown
-from contract.config.loading import from_tree, load_config, to_tree
+from contract.config.loading import from_tree, leaves, load_config, to_tree
 from contract.config.rules import HUGE, TINY
 from contract.config.tree import Config
 from contract.errors import ConfigError
@@ -22,17 +22,10 @@ def rows(text: str) -> dict[str, list[str]]:
     return {words[0]: words[1:] for words in lines if words and "." in words[0] and not words[0].startswith("[")}
 
 
-def leaves(tree: dict, above: str = "") -> dict[str, object]:
-    found: dict[str, object] = {}
-    for name, value in tree.items():
-        found |= leaves(value, f"{above}{name}.") if isinstance(value, dict) else {f"{above}{name}": value}
-    return found
-
-
 def test_every_setting_is_shown_with_its_value_unit_and_source(cli, tmp_path):
     outcome = cli("config")
     assert (outcome.code, outcome.err) == (0, "")
-    values = leaves(to_tree(load_config()))
+    values = dict(leaves(to_tree(load_config())))
     first = {name: words[0] for name, words in rows(outcome.out).items()}
     assert first == {name: shown(value) for name, value in values.items()}
     assert max(map(len, outcome.out.splitlines())) <= 80
@@ -45,7 +38,7 @@ def test_every_setting_is_shown_with_its_value_unit_and_source(cli, tmp_path):
         ("mpc.weights.lift", ["0.04", "0.01", "release"]),
     ):
         assert found[name] == words
-    paper = leaves(to_tree(Config()))
+    paper = dict(leaves(to_tree(Config())))
     assert set(rows(cli("config", "--changed").out)) == {name for name in values if values[name] != paper[name]}
     (tmp_path / "paper.toml").write_text('base = "paper"\n')
     assert cli("config", "--changed", "--set", tmp_path / "paper.toml").out == "all settings: as in the paper\n"
@@ -61,7 +54,7 @@ def test_a_prefix_selects_and_explains(cli, refused):
     assert refused("config", "nonsense").startswith(unknown)
 
 
-def test_the_file_it_writes_gives_the_same_settings(cli, tmp_path):
+def test_the_file_it_writes_gives_the_same_settings(cli, refused, tmp_path):
     asked = ["--set", "model.slim_decoder_width=64", "--set", 'bus.channel=C:\\x "y" [z]', "--set", "mpc.horizon=9"]
     path = tmp_path / "mine.toml"
     for options in ([], ["--changed"]):
@@ -72,6 +65,13 @@ def test_the_file_it_writes_gives_the_same_settings(cli, tmp_path):
     path.write_text(cli("config", "ecu", "--toml", "--set", "ecu.delay_steps=3").out, encoding="utf-8")
     assert load_config(path) == load_config(None, ["ecu.delay_steps=3"])
     assert set(tomllib.loads(path.read_text())) == {"ecu"}
+    # A file of one section modifies the release's settings, so these would be the release's again.
+    path.write_text('base = "paper"\n')
+    for words, message in (
+        (("model", "--toml", "--set", path), "model.slim_dynamics_width is none: a file for these settings alone"),
+        (("mpc", "--toml", "--changed", "--set", "mpc.weights.lift=0.01"), "mpc.weights.lift is 0.01: a file"),
+    ):
+        assert message in refused("config", *words)
 
 
 @examples(30)

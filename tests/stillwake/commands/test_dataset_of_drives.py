@@ -15,6 +15,7 @@ from contract.recording.dataset import CP_QUANTUM, QUANTUM
 from contract.release import bundle
 from contract.sensors import TRUCK
 from firmware_sim.bench.closed_loop import run_closed_loop
+from firmware_sim.bench.simulation import Spans
 from firmware_sim.runs.run_page.measurement import write_csv
 from tests.can_bridge.drives.drive_log import FLOW, KEY, PRESSURE, STEP, drive, log_of, speed
 from tests.can_bridge.logs.log_texts import write
@@ -83,8 +84,8 @@ def same_forces(episode: dataset.Episode) -> None:
 def test_the_loops_own_capture_is_the_run_within_half_a_step(place, tmp_path, short_release, coarse):
     release = bundle.load(short_release)
     config = Config(flow=coarse.flow, bus=BusConfig(background=BackgroundConfig(load=0.6)))
-    spans: dict[str, Any] = {"lead_in": 2.0, "controlled": 4.0, "settle": 0.0, "averages": False}
-    run = run_closed_loop(tmp_path / "run", release, config, plant=coarse.plant(), **spans)
+    spans = Spans(lead_in=2.0, controlled=4.0, settle=0.0, averages=False)
+    run = run_closed_loop(tmp_path / "run", release, config, spans, plant=coarse.plant())
     write_csv(tmp_path / "run.csv", run)
     write_sensors(tmp_path / "sensors.csv", release.manifest.sensors)
     outcome = place.call("--forces", tmp_path / "run.csv", log=tmp_path / "run" / "frames.log")
