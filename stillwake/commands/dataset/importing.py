@@ -94,11 +94,7 @@ def import_(
     from contract.recording.importing.source_file import references_of
 
     roles = roles_of(files or [])
-    for path in (*(path for path, _ in roles), layout):
-        if os.path.realpath(output) == os.path.realpath(path):
-            raise OutputError(f"{output}: is one of the files to read; give another name")
-    check_output(output, overwrite=overwrite)
-    check_dataset_name(output)
+    _check_places(output, [*(path for path, _ in roles), layout], overwrite=overwrite)
     references, renamed = references_of(reference), dict(shared.pairs(rename, "Cd=drag_coefficient"))
     logs = [path for path, _ in roles if is_log(path)]
     for path in logs:
@@ -134,6 +130,14 @@ def roles_of(texts: list[str]) -> "list[tuple[Path, Role]]":
     """Split the texts ROLE=FILE into files and roles, ordered by role."""
     found = [(Path(file), role) for role, file in shared.pairs(texts, "train=sweep.csv", _ROLES, repeated=True)]
     return [(path, cast("Role", role)) for path, role in sorted(found, key=lambda one: _ROLES.index(one[1]))]
+
+
+def _check_places(output: Path, read: list[Path], *, overwrite: bool) -> None:
+    for path in read:
+        if os.path.realpath(output) == os.path.realpath(path):
+            raise OutputError(f"{output}: is one of the files to read; give another name")
+    check_output(output, overwrite=overwrite)
+    check_dataset_name(output)
 
 
 def _facts(loaded: Loaded) -> "PlantFacts":
