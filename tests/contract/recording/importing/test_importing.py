@@ -235,6 +235,18 @@ def test_packed_numbers_gaps_and_units_are_those_of_cf(tmp_path, layout):
         imported(tmp_path / "a.nc", layout)
 
 
+def test_names_in_a_classic_netcdf_file_are_utf_8_or_as_scipy_writes_them(tmp_path, layout):
+    values = foreign_plant.series(20, 3)
+    pressures = dict(zip(NAMES, values.pop("Cp").T, strict=True))
+    for encoding in ("utf-8", "latin-1"):
+        with netcdf_file(tmp_path / "a.nc", "w") as file:
+            file.createDimension("row", 20)
+            for name, array in (values | pressures).items():
+                file.createVariable(name.encode(encoding).decode("latin-1"), "d", ("row",))[:] = array
+        series = imported(tmp_path / "a.nc", layout).episodes[0].series
+        np.testing.assert_array_equal(series["Cp"], np.column_stack(list(pressures.values())))
+
+
 def test_an_array_has_each_of_its_names_and_a_dimension_has_no_values(tmp_path, layout):
     values = foreign_plant.series(20, 3)
     time = values.pop("t")
