@@ -63,10 +63,11 @@ class Stored:
         if raw.dtype.kind not in "fiu":
             raise DatasetError(f"{path}: array {name!r} holds {raw.dtype}, must hold numbers")
         if columns:
-            if raw.ndim != 2:
+            if raw.ndim > 2:
                 raise DatasetError(f"{path}: array {name!r} has shape {raw.shape}, must be (steps, sensors)")
+            raw = raw if raw.ndim == 2 else raw.reshape(-1, 1)  # SciPy drops MATLAB's axes of length 1
         else:
-            if raw.size != 1 if one else raw.ndim != 1 and raw.size != max(raw.shape, default=0):
+            if raw.size != 1 if one else raw.ndim > 1 and raw.size != max(raw.shape):
                 wanted = "one number" if one else "(steps,)"
                 raise DatasetError(f"{path}: array {name!r} has shape {raw.shape}, must be {wanted}")
             raw = raw.reshape(-1)

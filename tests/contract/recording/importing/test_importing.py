@@ -332,6 +332,18 @@ def test_matlab_files_old_and_new_are_tables(tmp_path, layout):
         imported(tmp_path / "a.mat", layout)
 
 
+def test_one_sensor_or_one_row_is_read_from_matlab_too(tmp_path):
+    """SciPy drops MATLAB's axes of length 1."""
+    values = foreign_plant.series(20, 3)
+    for rows, sensors in ((20, 1), (1, 7), (1, 1)):
+        layout = SensorLayout.of(NAMES[:sensors], np.array(POSITIONS[:sensors]))
+        part = values | {"Cp": values["Cp"][:, :sensors]}
+        savemat(tmp_path / "a.mat", {name: array[:rows] for name, array in part.items()})
+        series = imported(tmp_path / "a.mat", layout).episodes[0].series
+        np.testing.assert_array_equal(series["Cp"], values["Cp"][:rows, :sensors])
+        np.testing.assert_array_equal(series["Cd"], values["Cd"][:rows])
+
+
 def test_empty_columns_and_objects_are_told_and_not_in_the_way(tmp_path, layout):
     values = foreign_plant.series(20, 3)
     path = foreign_plant.write_csv(tmp_path / "a.csv", values)
