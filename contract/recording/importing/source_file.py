@@ -177,6 +177,8 @@ def read_source(
 
     renamed = _in_this_file(path, there, renamed, wanted)
     asked = {name: renamed.get(name, name) for name in wanted if renamed.get(name, name) in there}
+    if "Cp" in asked:  # then arrays of single sensors are not used
+        asked = {name: inside for name, inside in asked.items() if name not in layout.names}
     found, used = {}, set(asked.values())
     for name, inside in asked.items():
         found[name] = read(name, inside)

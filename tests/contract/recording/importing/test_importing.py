@@ -156,6 +156,12 @@ def test_what_is_not_used_is_told_and_a_renamed_column_must_be_there(tmp_path, l
     told: list[tuple[str, str]] = []
     imported(path, layout, told=lambda path, note: told.append((path.name, note)))
     assert told == [("a.npz", "not used: time")]
+    # One array has all pressures, so a second array of a sensor has no effect.
+    for name, renamed in ((NAMES[0], {}), ("mine", {NAMES[0]: "mine"})):
+        path = foreign_plant.write_npz(tmp_path / "a.npz", values | {name: np.zeros(20), "time": values["t"]})
+        imported(path, layout, renamed=renamed, told=lambda path, note: told.append((path.name, note)))
+        assert told[-1] == ("a.npz", f"not used: {name}, time")
+    foreign_plant.write_npz(path, values | {"time": np.linspace(0.0, 0.019, 20)})
     with pytest.raises(DatasetError, match=r"t rises by 0\.001"):
         imported(path, layout, renamed={"t": "time"})
     with pytest.raises(DatasetError, match=r"--map t=zeit: no file has a column 'zeit'"):
