@@ -1,6 +1,5 @@
 """The drag and lift for a log without forces: values of a table, interpolated to the times of the log's rows."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,6 @@ from contract.recording.importing.stored import BINARY, stored_arrays
 
 FORCE_COLUMNS: Final = ("Cd", "Cl")
 
-_UNIT: Final = re.compile(r"\s*\[([^\[\]]*)\]$")
 _CLOCK_OF_UNIT: Final[Mapping[str, ForcesClock]] = {"t_c": "t_c", "W/U_inf": "t_c"}
 
 
@@ -103,20 +101,19 @@ def read_forces(
         inside = _inside(path, table.header, renamed)
         arrays = {name: table.numbers(there) for name, there in inside.items()}
     units = {name: units.get(name) or split_unit(there)[1] for name, there in inside.items()}
-    t = arrays["t"] * (seconds_in(units["t"]) or 1.0)
+    t = arrays["t"] * seconds_in(path, inside["t"], units["t"])
     scales = {
         name: factor(path, name, inside[name], units[name], (references or {}).get(name)) for name in FORCE_COLUMNS
     }
     for name in FORCE_COLUMNS:
         if len(arrays[name]) != len(t):
             raise DatasetError(f"{path}: {inside[name]!r} has {len(arrays[name])} rows; {inside['t']!r} has {len(t)}")
-    unit = _UNIT.search(inside["t"])
     return ForcesTable(
         path=path,
         names=inside,
         t=t,
         values={name: arrays[name] * scale for name, scale in scales.items()},
-        clock=None if unit is None else _CLOCK_OF_UNIT.get(unit.group(1)),
+        clock=_CLOCK_OF_UNIT.get(units["t"] or ""),
     )
 
 
@@ -124,7 +121,7 @@ def _inside(path: Path, there: tuple[str, ...], renamed: Mapping[str, str]) -> d
     found = {}
     for name in ("t", *FORCE_COLUMNS):
         wanted = renamed.get(name, name)
-        candidates = [one for one in there if one == wanted] or [one for one in there if _UNIT.sub("", one) == wanted]
+        candidates = [one for one in there if one == wanted] or [one for one in there if split_unit(one)[0] == wanted]
         if len(candidates) != 1:
             raise DatasetError(
                 f"{path}: no column {wanted!r} for the forces' table; it has {', '.join(there[:12])}"

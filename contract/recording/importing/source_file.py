@@ -105,10 +105,13 @@ def factor(path: Path, name: str, inside: str, unit: str | None, reference: Refe
     return size / (reference.number * other_size)
 
 
-def seconds_in(unit: str | None) -> float | None:
-    """Return the number of seconds in a unit; None if it is not a unit of time."""
+def seconds_in(path: Path, inside: str, unit: str | None) -> float:
+    """Return the number of seconds in the unit of an array of times; 1 if the times have no unit. Raises DatasetError
+    for any other unit."""
     base, size = _base(unit)
-    return size if base == "s" else None
+    if base not in ("1", "s"):
+        raise DatasetError(f"{path}: {inside!r} is in {unit!r}; times must be in s, ms, us, min or h")
+    return size
 
 
 def _base(unit: str | None) -> tuple[str, float]:

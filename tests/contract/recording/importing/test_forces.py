@@ -1,5 +1,6 @@
 """Forces beside a log: what is on straight lines comes out exactly, what does not cover the rows is refused."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,14 @@ def test_tables_are_read_whatever_holds_them(tmp_path):
     for values, text in (
         ({"t": T, "Cd": T}, "no column 'Cl' for the forces' table; it has t, Cd"),
         ({"t": T, "Cd": T[:2], "Cl": T}, "'Cd' has 2 rows; 't' has 4"),
+        ({"t [days]": T, "Cd": T, "Cl": T}, "no column 't' for the forces' table; it has t [days]"),
+        ({"t": T, "Cd [lbf]": T, "Cl": T}, "no column 'Cd' for the forces' table; it has t, Cd [lbf]"),
+        ({"t": T, "Cd (N)": T, "Cl": T}, "Cd (N)' is in 'N'; Cd must be without dimension"),
     ):
-        with pytest.raises(DatasetError, match=text.replace("[", r"\[")):
+        with pytest.raises(DatasetError, match=re.escape(text)):
             read_forces(write(tmp_path / "forces.npz", values), {})
+    days = write(tmp_path / "forces.h5", VALUES)
+    with h5py.File(days, "r+") as file:
+        file["t"].attrs["units"] = "days since 2026-11-30"
+    with pytest.raises(DatasetError, match="'t' is in 'days since 2026-11-30'; times must be in s, ms"):
+        read_forces(days, {})
