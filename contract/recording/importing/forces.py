@@ -49,7 +49,7 @@ class ForcesTable:
             k = int(np.flatnonzero(np.diff(self.t) <= 0)[0])
             raise DatasetError(
                 f"{self.path}: the times of {first!r} do not rise from row {k} to {k + 1}: "
-                f"{self.t[k]:.9g}, {self.t[k + 1]:.9g}"
+                f"{self.t[k]:.15g}, {self.t[k + 1]:.15g}"
             )
 
     def at(self, times: Array, *, longest_gap: float, slack: float) -> dict[str, Array]:
@@ -59,8 +59,8 @@ class ForcesTable:
         first = self.names[FORCE_COLUMNS[0]]
         if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
             raise DatasetError(
-                f"{self.path}: {first!r} goes from {self.t[0]:.9g} to {self.t[-1]:.9g} s on the log's clock, but "
-                f"the log's rows go from {times[0]:.9g} to {times[-1]:.9g} s: the forces must cover these rows; see "
+                f"{self.path}: {first!r} goes from {self.t[0]:.15g} to {self.t[-1]:.15g} s on the log's clock, but "
+                f"the log's rows go from {times[0]:.15g} to {times[-1]:.15g} s: the forces must cover these rows; see "
                 f"--forces-clock and --forces-shift"
             )
         times = np.clip(times, self.t[0], self.t[-1])
@@ -69,7 +69,7 @@ class ForcesTable:
         if wide.any():
             k = int(behind[np.flatnonzero(wide)[0]])
             raise DatasetError(
-                f"{self.path}: {first!r} has no value between {self.t[k - 1]:.9g} and {self.t[k]:.9g} s on the "
+                f"{self.path}: {first!r} has no value between {self.t[k - 1]:.15g} and {self.t[k]:.15g} s on the "
                 f"log's clock; rows must be no more than {longest_gap:.4g} s apart"
             )
         return {name: np.interp(times, self.t, values) for name, values in self.values.items()}

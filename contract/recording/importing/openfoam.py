@@ -162,7 +162,9 @@ def _at(path: Path, times: Array, values: Array, t: Array, period: float) -> Arr
         )
     if (np.diff(times) <= 0).any():
         k = int(np.argmax(np.diff(times) <= 0))
-        raise DatasetError(f"{path}: its times do not rise from row {k} to {k + 1}: {times[k]:g}, {times[k + 1]:g}")
+        raise DatasetError(
+            f"{path}: its times do not rise from row {k} to {k + 1}: {times[k]:.15g}, {times[k + 1]:.15g}"
+        )
     rows = slice(max(int(np.searchsorted(times, t[0], side="right")) - 1, 0), int(np.searchsorted(times, t[-1])) + 1)
     gap = float(np.diff(times[rows]).max())
     if gap > _GAP * period:

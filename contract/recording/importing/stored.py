@@ -224,7 +224,9 @@ def _read_classic(path: Path) -> dict[str, Stored]:
         with netcdf_file(path, mmap=False) as file:
             found = {_in_utf8(name): one for name, one in file.variables.items()}
             values = {name: np.array(one[:] if one.shape else one.getValue()) for name, one in found.items()}
-            return {name: Stored(values=values[name], attributes=found[name]._attributes, netcdf=True) for name in found}
+            return {
+                name: Stored(values=values[name], attributes=found[name]._attributes, netcdf=True) for name in found
+            }
     except Exception as error:  # SciPy raises any exception for damaged files
         raise ValueError(f"damaged or not a netCDF file ({_first_line(error)})") from error
 

@@ -33,6 +33,19 @@ def test_what_lies_outside_or_in_a_gap_is_refused_by_time():
     np.testing.assert_allclose([found["Cd"], -found["Cl"]], [[1.0, 1.75, 2.0, 3.0, 4.0]] * 2)
 
 
+def test_seconds_since_1970_are_stated_to_a_tenth_of_a_millisecond():
+    start = 1795773600.25
+    with pytest.raises(DatasetError, match=r"rise from row 1 to 2: 1795773600\.2516, 1795773600\.2513"):
+        series(start + np.array([0.0, 0.0016, 0.0013]), [1.0, 2.0, 3.0])
+    one, wide = series(start + np.array([0.0, 0.1, 0.5]), [1.0, 2.0, 3.0]), {"longest_gap": 0.2, "slack": 0.01}
+    for at, text in (
+        (-0.02, "goes from 1795773600.25 to 1795773600.75 s .* from 1795773600.23 to"),
+        (0.3, "1795773600.35 and"),
+    ):
+        with pytest.raises(DatasetError, match=text):
+            one.at(start + np.array([at, 0.4]), **wide)
+
+
 def test_series_that_are_none_are_refused():
     for t, values, text in (
         ([0.0, 1.0, 1.0], [1.0, 2.0, 3.0], "do not rise from row 1 to 2: 1, 1"),
