@@ -10,9 +10,7 @@ import numpy as np
 from contract.arrays import Array
 from contract.errors import DatasetError
 from contract.recording.episode import ForcesClock
-from contract.recording.importing.csv_table import read_csv
-from contract.recording.importing.source_file import SUFFIXES, Reference, factor, seconds_in, split_unit
-from contract.recording.importing.stored import BINARY, stored_arrays
+from contract.recording.importing.source_file import SUFFIXES, Reference, factor, read_columns, seconds_in, split_unit
 
 FORCE_COLUMNS: Final = ("Cd", "Cl")
 
@@ -90,17 +88,10 @@ def read_forces(
         raise DatasetError(f"{path}: no such file")
     if path.suffix.lower() not in SUFFIXES:
         raise DatasetError(f"{path}: a table of forces must end in {', '.join(SUFFIXES)}")
-    units: dict[str, str | None] = {}
-    if path.suffix.lower() in BINARY:
-        stored = stored_arrays(path)
-        inside = _inside(path, tuple(stored), renamed)
-        arrays = {name: stored[there].numbers(path, there) for name, there in inside.items()}
-        units = {name: stored[there].unit for name, there in inside.items()}
-    else:
-        table = read_csv(path)
-        inside = _inside(path, table.header, renamed)
-        arrays = {name: table.numbers(there) for name, there in inside.items()}
-    units = {name: units.get(name) or split_unit(there)[1] for name, there in inside.items()}
+    table = read_columns(path)
+    inside = _inside(path, tuple(table), renamed)
+    arrays = {name: table[there].numbers(path, there) for name, there in inside.items()}
+    units = {name: table[there].unit or split_unit(there)[1] for name, there in inside.items()}
     t = arrays["t"] * seconds_in(path, inside["t"], units["t"])
     scales = {
         name: factor(path, name, inside[name], units[name], (references or {}).get(name)) for name in FORCE_COLUMNS

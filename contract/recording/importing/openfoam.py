@@ -181,9 +181,9 @@ def _actions(case: Path, t: Array, scale: float) -> tuple[Array, Array, tuple[Pa
         return np.zeros(len(t)), np.zeros(1), ()
     table = read_csv(path)
     for name in ("t", "action"):
-        if name not in table.header:
+        if name not in table:
             raise DatasetError(f"{path}: no column {name!r}; it must have t, in the case's own time, and action")
-    times, commands = table.numbers("t"), table.numbers("action") * scale
+    times, commands = table["t"].numbers(path, "t"), table["action"].numbers(path, "action") * scale
     if (np.diff(times) <= 0).any():
         raise DatasetError(f"{path}: t does not rise at row {int(np.argmax(np.diff(times) <= 0)) + 1}")
     # A command is in force until the next command; the tolerance allows for rounded times.
