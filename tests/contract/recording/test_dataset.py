@@ -248,7 +248,7 @@ def test_episodes_come_last_and_the_old_ones_keep_every_bit(written):
     with h5py.File(written) as file:
         assert file.attrs["schema"] == dataset.DATASET_SCHEMA
     new = written.with_name("new.h5")
-    assert read_to_append(new, FACTS) == ()
+    assert read_to_append(new, FACTS).episodes == ()
     append(new, [episode("c")], FACTS)
     assert [len(dataset.read(path).episodes) for path in (written, new)] == [5, 1]
 
