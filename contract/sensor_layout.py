@@ -55,8 +55,8 @@ class SensorLayout:
         if first.size:
             one, other = self.names[first[0]], self.names[second[0]]
             raise ConfigError(f"sensors {one} and {other} have the same position: leave one of them out")
-        if self.base.size and not (self.base.min() >= 0 and self.base.max() < count):
-            raise ConfigError(f"base sensors {self.base.tolist()}: must be columns from 0 to {count - 1}")
+        if self.base.ndim != 1 or not ((self.base >= 0) & (self.base < count)).all():
+            raise ConfigError(f"base sensors {self.base.tolist()}: must be a list of columns from 0 to {count - 1}")
         if self.mirror is not None and not _is_involution(self.mirror, count):
             raise ConfigError("mirror images of the sensors: the image of each image must be the sensor itself")
 

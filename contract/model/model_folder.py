@@ -231,5 +231,5 @@ def _describe(path: Path, body: Mapping[str, Any]) -> Description:
         }
         held = {item.name: body[item.name] for item in fields(Description) if item.name not in parts}
         return Description(**held, **parts)
-    except (ConfigError, ModelError, KeyError, TypeError, ValueError, AttributeError) as error:
+    except (ConfigError, ModelError, KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise ModelError(f"model {path}: {DESCRIPTION}: {error}") from error

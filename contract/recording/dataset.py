@@ -151,14 +151,10 @@ def write(path: Path, dataset: Dataset) -> None:
         temporary.write_bytes(image.getbuffer())
 
 
-def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> tuple[Episode, ...]:
-    """Return the episodes of an existing data set; empty if there is no file. `facts` is the provenance that old and
-    new episodes must share, such as the flow's settings. Raises DatasetError if the file is no data set, or has other
+def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> Dataset:
+    """Return an existing data set; without episodes if there is no file. `facts` is the provenance that old and new
+    episodes must share, such as the flow's settings. Raises DatasetError if the file is no data set, or has other
     sensors or an episode with other facts; the message states the first difference."""
-    return _to_append(path, facts, layout).episodes
-
-
-def _to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout) -> Dataset:
     if not path.exists():
         return Dataset(episodes=(), layout=layout)
     there = read(path)
@@ -179,7 +175,7 @@ def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any], la
     """Add episodes at the end of a data set, or create it if there is no file. The old file remains until the new file
     is complete, and the values of old episodes do not change. Raises the errors of `read_to_append` and `write`, and
     DatasetError if a name is already used."""
-    there = _to_append(path, facts, layout)
+    there = read_to_append(path, facts, layout)
     write(path, replace(there, episodes=(*there.episodes, *episodes)))
 
 

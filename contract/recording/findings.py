@@ -155,7 +155,7 @@ def clock_problem(t: Array, period: float) -> str | None:
     steps = np.diff(t)
     if (steps <= 0).any():
         k = int(np.flatnonzero(steps <= 0)[0])
-        return f"t does not rise from step {k} to {k + 1}: {t[k]:g}, {t[k + 1]:g}"
+        return f"t does not rise from step {k} to {k + 1}: {t[k]:.15g}, {t[k + 1]:.15g}"
     off = np.abs(steps / period - 1.0)
     mean = float((t[-1] - t[0]) / (len(t) - 1))
     if off.max() <= STEP_TOLERANCE and abs(mean / period - 1.0) <= CLOCK_TOLERANCE:

@@ -45,6 +45,7 @@ def test_layout_that_contradicts_itself_is_refused():
         (("a", "b"), np.zeros((3, 2)), (), r"\(3, 2\): must be \(2, 2\)"),
         (("a", "b"), np.array([(0, 1), (0, np.nan)]), (), "finite"),
         (("a", "b"), np.array([(0, 1), (0, -1)]), (2,), "from 0 to 1"),
+        (("a", "b"), np.array([(0, 1), (0, -1)]), 1, "base sensors 1: must be a list of columns"),
         (("a", "b"), np.array([(0, 1), (1e-5, 1)]), (), "a and b have the same position"),
     ]
     for names, places, base, message in wrong:

@@ -265,7 +265,7 @@ def record_round(
     jobs = partial(jobs_for, output, config=config, block_steps=block_steps, policy=policy, start=start)
     facts = {name: value for name, value in setting_of(config).items() if name in _FACTS}
     layout = layout_of(config.body)
-    there = read_to_append(output, facts, layout)
+    there = read_to_append(output, facts, layout).episodes
     number = max((int(episode.provenance.get("round", 0)) for episode in there), default=0) + 1
     before = jobs(planned.plans(number - 1))
     if _added(before, there):

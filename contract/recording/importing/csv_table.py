@@ -21,41 +21,33 @@ _DECIMAL_COMMA: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 
 
 @dataclass(frozen=True, kw_only=True)
-class CsvTable:
-    """A table of text cells, whose columns have different names. `lines` has the line number of each row, from 1."""
+class CsvColumn:
+    """A column of a table, with the members of `Stored`: texts of the cells, and the number of each cell's line."""
 
-    path: Path
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    texts: tuple[str, ...]
     lines: tuple[int, ...]
+    unit: None = None
 
-    def numbers(self, name: str) -> Array:
-        """Return a column as numbers, (n,). Raises DatasetError for the first cell that is not a finite number."""
-        column = self.header.index(name)
-        values = np.empty(len(self.rows))
-        for k, row in enumerate(self.rows):
+    def numbers(self, path: Path, name: str, **_shape: bool) -> Array:
+        """Return the numbers, (n,). Raises DatasetError for the first cell that is not a finite number."""
+        values = np.empty(len(self.texts))
+        for k, (line, text) in enumerate(zip(self.lines, self.texts, strict=True)):
+            place = f"{path}: line {line}, column {name!r}"
             try:
-                values[k] = _number(row[column])
+                values[k] = _number(text)
             except ValueError as error:
-                remedy = GAP if not row[column] else ""
-                if _DECIMAL_COMMA.fullmatch(row[column]):
-                    remedy = f": write {row[column].replace(',', '.')}, with a decimal point"
-                raise DatasetError(f"{self._cell(k, name)}: {row[column]!r} is not a number{remedy}") from error
+                remedy = "" if text else GAP
+                if _DECIMAL_COMMA.fullmatch(text):
+                    remedy = f": write {text.replace(',', '.')}, with a decimal point"
+                raise DatasetError(f"{place}: {text!r} is not a number{remedy}") from error
             if not np.isfinite(values[k]) or abs(values[k]) >= 0.99 * DEFAULT_FILL:
                 reason = UNWRITTEN if np.isfinite(values[k]) else "is not finite"
-                raise DatasetError(f"{self._cell(k, name)}: {row[column]} {reason}{GAP}")
+                raise DatasetError(f"{place}: {text} {reason}{GAP}")
         return values
 
-    def texts(self, name: str) -> tuple[str, ...]:
-        column = self.header.index(name)
-        return tuple(row[column] for row in self.rows)
 
-    def _cell(self, row: int, name: str) -> str:
-        return f"{self.path}: line {self.lines[row]}, column {name!r}"
-
-
-def read_csv(path: Path) -> CsvTable:
-    """Read a table: a header line, then rows. Cells are separated by commas, semicolons or tabs.
+def read_csv(path: Path) -> dict[str, CsvColumn]:
+    """Read a table, columns by name: a header line, then rows. Cells are separated by commas, semicolons or tabs.
 
     Empty lines are skipped. Lines above the header that begin with # are comments. If numbers directly follow the
     comments, the last comment is the header, as in files of `numpy.savetxt`. Raises DatasetError if the file is no
@@ -94,7 +86,8 @@ def read_csv(path: Path) -> CsvTable:
     for row, line in zip(rows[1:], lines[1:], strict=True):
         if len(row) != len(header):
             raise DatasetError(f"{path}: line {line}: {len(row)} values, but the header has {len(header)} columns")
-    return CsvTable(path=path, header=header, rows=tuple(rows[1:]), lines=tuple(lines[1:]))
+    columns = zip(header, zip(*rows[1:], strict=True), strict=True)
+    return {name: CsvColumn(texts=texts, lines=tuple(lines[1:])) for name, texts in columns}
 
 
 def _unnamed(column: int, rows: Sequence[tuple[str, ...]]) -> str:
@@ -151,26 +144,25 @@ def read_sensors(
     called with the names of unused columns, if any."""
     table = read_csv(path)
     for column in ("name", "x", "y"):
-        if column not in table.header:
+        if column not in table:
             raise DatasetError(
-                f"{path}: no column {column!r}; the first line has {', '.join(table.header)}, but it must have name, x "
+                f"{path}: no column {column!r}; the first line has {', '.join(table)}, but it must have name, x "
                 f"and y, and may have base"
             )
-    unused = tuple(name for name in table.header if name not in ("name", "x", "y", "base"))
+    unused = tuple(name for name in table if name not in ("name", "x", "y", "base"))
     if unused:
         told(path, f"not used: {', '.join(unused)}; a position has only x and y")
-    names = table.texts("name")
-    for line, name in zip(table.lines, names, strict=True):
+    names, lines = table["name"].texts, table["name"].lines
+    for line, name in zip(lines, names, strict=True):
         if name in _RESERVED:
             raise DatasetError(f"{path}: line {line}: a sensor cannot be called {name!r}, the name of a series")
     base: list[int] = []
-    for k, cell in enumerate(table.texts("base") if "base" in table.header else ()):
+    for k, cell in enumerate(table["base"].texts if "base" in table else ()):
         if cell.lower() not in (*_YES, *_NO):
-            raise DatasetError(f"{path}: line {table.lines[k]}, column 'base': {cell!r} must be 0 or 1")
+            raise DatasetError(f"{path}: line {lines[k]}, column 'base': {cell!r} must be 0 or 1")
         base += [k] if cell.lower() in _YES else []
+    positions = np.column_stack([table[axis].numbers(path, axis) for axis in "xy"])
     try:
-        return SensorLayout.of(
-            names, np.column_stack([table.numbers("x"), table.numbers("y")]), base=base, symmetric=symmetric
-        )
+        return SensorLayout.of(names, positions, base=base, symmetric=symmetric)
     except ConfigError as error:
         raise DatasetError(f"{path}: {error}") from error

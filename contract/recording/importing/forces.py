@@ -1,6 +1,5 @@
 """The drag and lift for a log without forces: values of a table, interpolated to the times of the log's rows."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,13 +10,10 @@ import numpy as np
 from contract.arrays import Array
 from contract.errors import DatasetError
 from contract.recording.episode import ForcesClock
-from contract.recording.importing.csv_table import read_csv
-from contract.recording.importing.source_file import SUFFIXES, Reference, factor, seconds_in, split_unit
-from contract.recording.importing.stored import BINARY, stored_arrays
+from contract.recording.importing.source_file import SUFFIXES, Reference, factor, read_columns, seconds_in, split_unit
 
 FORCE_COLUMNS: Final = ("Cd", "Cl")
 
-_UNIT: Final = re.compile(r"\s*\[([^\[\]]*)\]$")
 _CLOCK_OF_UNIT: Final[Mapping[str, ForcesClock]] = {"t_c": "t_c", "W/U_inf": "t_c"}
 
 
@@ -51,7 +47,7 @@ class ForcesTable:
             k = int(np.flatnonzero(np.diff(self.t) <= 0)[0])
             raise DatasetError(
                 f"{self.path}: the times of {first!r} do not rise from row {k} to {k + 1}: "
-                f"{self.t[k]:.9g}, {self.t[k + 1]:.9g}"
+                f"{self.t[k]:.15g}, {self.t[k + 1]:.15g}"
             )
 
     def at(self, times: Array, *, longest_gap: float, slack: float) -> dict[str, Array]:
@@ -61,8 +57,8 @@ class ForcesTable:
         first = self.names[FORCE_COLUMNS[0]]
         if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
             raise DatasetError(
-                f"{self.path}: {first!r} goes from {self.t[0]:.9g} to {self.t[-1]:.9g} s on the log's clock, but "
-                f"the log's rows go from {times[0]:.9g} to {times[-1]:.9g} s: the forces must cover these rows; see "
+                f"{self.path}: {first!r} goes from {self.t[0]:.15g} to {self.t[-1]:.15g} s on the log's clock, but "
+                f"the log's rows go from {times[0]:.15g} to {times[-1]:.15g} s: the forces must cover these rows; see "
                 f"--forces-clock and --forces-shift"
             )
         times = np.clip(times, self.t[0], self.t[-1])
@@ -71,7 +67,7 @@ class ForcesTable:
         if wide.any():
             k = int(behind[np.flatnonzero(wide)[0]])
             raise DatasetError(
-                f"{self.path}: {first!r} has no value between {self.t[k - 1]:.9g} and {self.t[k]:.9g} s on the "
+                f"{self.path}: {first!r} has no value between {self.t[k - 1]:.15g} and {self.t[k]:.15g} s on the "
                 f"log's clock; rows must be no more than {longest_gap:.4g} s apart"
             )
         return {name: np.interp(times, self.t, values) for name, values in self.values.items()}
@@ -92,31 +88,23 @@ def read_forces(
         raise DatasetError(f"{path}: no such file")
     if path.suffix.lower() not in SUFFIXES:
         raise DatasetError(f"{path}: a table of forces must end in {', '.join(SUFFIXES)}")
-    units: dict[str, str | None] = {}
-    if path.suffix.lower() in BINARY:
-        stored = stored_arrays(path)
-        inside = _inside(path, tuple(stored), renamed)
-        arrays = {name: stored[there].numbers(path, there) for name, there in inside.items()}
-        units = {name: stored[there].unit for name, there in inside.items()}
-    else:
-        table = read_csv(path)
-        inside = _inside(path, table.header, renamed)
-        arrays = {name: table.numbers(there) for name, there in inside.items()}
-    units = {name: units.get(name) or split_unit(there)[1] for name, there in inside.items()}
-    t = arrays["t"] * (seconds_in(units["t"]) or 1.0)
+    table = read_columns(path)
+    inside = _inside(path, tuple(table), renamed)
+    arrays = {name: table[there].numbers(path, there) for name, there in inside.items()}
+    units = {name: table[there].unit or split_unit(there)[1] for name, there in inside.items()}
+    t = arrays["t"] * seconds_in(path, inside["t"], units["t"])
     scales = {
         name: factor(path, name, inside[name], units[name], (references or {}).get(name)) for name in FORCE_COLUMNS
     }
     for name in FORCE_COLUMNS:
         if len(arrays[name]) != len(t):
             raise DatasetError(f"{path}: {inside[name]!r} has {len(arrays[name])} rows; {inside['t']!r} has {len(t)}")
-    unit = _UNIT.search(inside["t"])
     return ForcesTable(
         path=path,
         names=inside,
         t=t,
         values={name: arrays[name] * scale for name, scale in scales.items()},
-        clock=None if unit is None else _CLOCK_OF_UNIT.get(unit.group(1)),
+        clock=_CLOCK_OF_UNIT.get(units["t"] or ""),
     )
 
 
@@ -124,7 +112,7 @@ def _inside(path: Path, there: tuple[str, ...], renamed: Mapping[str, str]) -> d
     found = {}
     for name in ("t", *FORCE_COLUMNS):
         wanted = renamed.get(name, name)
-        candidates = [one for one in there if one == wanted] or [one for one in there if _UNIT.sub("", one) == wanted]
+        candidates = [one for one in there if one == wanted] or [one for one in there if split_unit(one)[0] == wanted]
         if len(candidates) != 1:
             raise DatasetError(
                 f"{path}: no column {wanted!r} for the forces' table; it has {', '.join(there[:12])}"

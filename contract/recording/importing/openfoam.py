@@ -162,7 +162,9 @@ def _at(path: Path, times: Array, values: Array, t: Array, period: float) -> Arr
         )
     if (np.diff(times) <= 0).any():
         k = int(np.argmax(np.diff(times) <= 0))
-        raise DatasetError(f"{path}: its times do not rise from row {k} to {k + 1}: {times[k]:g}, {times[k + 1]:g}")
+        raise DatasetError(
+            f"{path}: its times do not rise from row {k} to {k + 1}: {times[k]:.15g}, {times[k + 1]:.15g}"
+        )
     rows = slice(max(int(np.searchsorted(times, t[0], side="right")) - 1, 0), int(np.searchsorted(times, t[-1])) + 1)
     gap = float(np.diff(times[rows]).max())
     if gap > _GAP * period:
@@ -179,9 +181,9 @@ def _actions(case: Path, t: Array, scale: float) -> tuple[Array, Array, tuple[Pa
         return np.zeros(len(t)), np.zeros(1), ()
     table = read_csv(path)
     for name in ("t", "action"):
-        if name not in table.header:
+        if name not in table:
             raise DatasetError(f"{path}: no column {name!r}; it must have t, in the case's own time, and action")
-    times, commands = table.numbers("t"), table.numbers("action") * scale
+    times, commands = table["t"].numbers(path, "t"), table["action"].numbers(path, "action") * scale
     if (np.diff(times) <= 0).any():
         raise DatasetError(f"{path}: t does not rise at row {int(np.argmax(np.diff(times) <= 0)) + 1}")
     # A command is in force until the next command; the tolerance allows for rounded times.

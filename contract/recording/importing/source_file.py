@@ -10,7 +10,7 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.errors import ConfigError, DatasetError
-from contract.recording.importing.csv_table import read_csv
+from contract.recording.importing.csv_table import CsvColumn, read_csv
 from contract.recording.importing.stored import BINARY, INITIAL_ACTION, Stored, stored_arrays
 from contract.sensor_layout import SensorLayout
 
@@ -105,10 +105,13 @@ def factor(path: Path, name: str, inside: str, unit: str | None, reference: Refe
     return size / (reference.number * other_size)
 
 
-def seconds_in(unit: str | None) -> float | None:
-    """Return the number of seconds in a unit; None if it is not a unit of time."""
+def seconds_in(path: Path, inside: str, unit: str | None) -> float:
+    """Return the number of seconds in the unit of an array of times; 1 if the times have no unit. Raises DatasetError
+    for any other unit."""
     base, size = _base(unit)
-    return size if base == "s" else None
+    if base not in ("1", "s"):
+        raise DatasetError(f"{path}: {inside!r} is in {unit!r}; times must be in s, ms, us, min or h")
+    return size
 
 
 def _base(unit: str | None) -> tuple[str, float]:
@@ -143,6 +146,11 @@ class Contents:
     notes: tuple[str, ...] = ()
 
 
+def read_columns(path: Path) -> Mapping[str, Stored | CsvColumn]:
+    """Return the columns or arrays of a file by name. Raises DatasetError for an unreadable file."""
+    return stored_arrays(path) if path.suffix.lower() in BINARY else read_csv(path)
+
+
 def read_source(
     path: Path,
     layout: SensorLayout,
@@ -165,28 +173,21 @@ def read_source(
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise DatasetError(f"{path}: a data file must end in {', '.join(SUFFIXES)}, or belong to an OpenFOAM case")
-    table = None if suffix in BINARY else read_csv(path)
-    stored = stored_arrays(path) if table is None else {}
-    wanted = (*names, *layout.names, *(["Cp"] if table is None else []))
-    there = tuple(stored) if table is None else table.header
-
-    def read(name: str, inside: str) -> Array:
-        if table is not None:
-            return table.numbers(inside)
-        return stored[inside].numbers(path, inside, columns=name == "Cp", one=name == INITIAL_ACTION)
-
-    renamed = _in_this_file(path, there, renamed, wanted)
-    asked = {name: renamed.get(name, name) for name in wanted if renamed.get(name, name) in there}
+    table = read_columns(path)
+    wanted = (*names, *layout.names, *(["Cp"] if suffix in BINARY else []))
+    renamed = _in_this_file(path, tuple(table), renamed, wanted)
+    asked = {name: renamed.get(name, name) for name in wanted if renamed.get(name, name) in table}
+    if "Cp" in asked:  # then arrays of single sensors are not used
+        asked = {name: inside for name, inside in asked.items() if name not in layout.names}
     found, used = {}, set(asked.values())
     for name, inside in asked.items():
-        found[name] = read(name, inside)
+        found[name] = table[inside].numbers(path, inside, columns=name == "Cp", one=name == INITIAL_ACTION)
         if name == "Cp":
             if suffix == ".mat" and found[name].shape[0] == len(layout) != found[name].shape[1]:
                 found[name] = found[name].T  # not every writer of MATLAB 7.3 files reverses the axes as MATLAB does
-            found[name], names_of_columns = _ordered(path, found[name], layout, stored)
+            found[name], names_of_columns = _ordered(path, found[name], layout, table)
             used |= names_of_columns
-        unit = stored[inside].unit if inside in stored else None
-        unit = unit or (split_unit(inside)[1] if inside != name else None)
+        unit = table[inside].unit or (split_unit(inside)[1] if inside != name else None)
         # Each column of a pressure array may have its own reference. An array with a wrong number of columns is refused
         # later.
         columns = layout.names if name == "Cp" and found[name].shape[1] == len(layout) else (name,)
@@ -194,8 +195,8 @@ def read_source(
             [factor(path, name, inside, unit, reference_of(one, layout, references)) for one in columns]
         )
     return Contents(
-        arrays=_with_pressures(path, found, layout, renamed, there),
-        unread=tuple(name for name in there if name not in used),
+        arrays=_with_pressures(path, found, layout, renamed, tuple(table)),
+        unread=tuple(name for name in table if name not in used),
         renamed=frozenset(renamed),
         files=(path,),
     )
@@ -225,16 +226,16 @@ def _in_this_file(
 
 
 def _ordered(
-    path: Path, pressures: Array, layout: SensorLayout, stored: Mapping[str, Stored]
+    path: Path, pressures: Array, layout: SensorLayout, table: Mapping[str, Stored | CsvColumn]
 ) -> tuple[Array, frozenset[str]]:
     """Return the pressures in the layout's order, if an array of names in the file states the columns' order."""
-    for name, one in stored.items():
+    for name, one in table.items():
         texts = one.texts
         if len(texts) == pressures.shape[1] and set(texts) >= set(layout.names):
             if len(set(texts)) < len(texts):
                 raise DatasetError(f"{path}: array {name!r} contains a sensor twice")
             return pressures[:, [texts.index(sensor) for sensor in layout.names]], frozenset({name})
-    for name, one in stored.items():
+    for name, one in table.items():
         lacking = [sensor for sensor in layout.names if sensor not in one.texts]
         if len(one.texts) == pressures.shape[1] and len(lacking) < len(layout):
             columns = f"array {name!r} contains the columns {_listed(one.texts)}"

@@ -63,10 +63,11 @@ class Stored:
         if raw.dtype.kind not in "fiu":
             raise DatasetError(f"{path}: array {name!r} holds {raw.dtype}, must hold numbers")
         if columns:
-            if raw.ndim != 2:
+            if raw.ndim > 2:
                 raise DatasetError(f"{path}: array {name!r} has shape {raw.shape}, must be (steps, sensors)")
+            raw = raw if raw.ndim == 2 else raw.reshape(-1, 1)  # SciPy drops MATLAB's axes of length 1
         else:
-            if raw.size != 1 if one else raw.ndim != 1 and raw.size != max(raw.shape, default=0):
+            if raw.size != 1 if one else raw.ndim > 1 and raw.size != max(raw.shape):
                 wanted = "one number" if one else "(steps,)"
                 raise DatasetError(f"{path}: array {name!r} has shape {raw.shape}, must be {wanted}")
             raw = raw.reshape(-1)
@@ -221,11 +222,21 @@ def _read_classic(path: Path) -> dict[str, Stored]:
         raise ValueError(f"holds more values than {MOST_VALUES}")
     try:
         with netcdf_file(path, mmap=False) as file:
-            values = {name: np.array(one[:] if one.shape else one.getValue()) for name, one in file.variables.items()}
-            attributes = {name: one._attributes for name, one in file.variables.items()}
-            return {name: Stored(values=values[name], attributes=attributes[name], netcdf=True) for name in values}
+            found = {_in_utf8(name): one for name, one in file.variables.items()}
+            values = {name: np.array(one[:] if one.shape else one.getValue()) for name, one in found.items()}
+            return {
+                name: Stored(values=values[name], attributes=found[name]._attributes, netcdf=True) for name in found
+            }
     except Exception as error:  # SciPy raises any exception for damaged files
         raise ValueError(f"damaged or not a netCDF file ({_first_line(error)})") from error
+
+
+def _in_utf8(name: str) -> str:
+    """Return the name of a netCDF variable. SciPy reads and writes Latin-1, but netCDF's names are UTF-8."""
+    try:
+        return name.encode("latin-1").decode()
+    except UnicodeDecodeError:
+        return name
 
 
 def _read_matlab(path: Path) -> dict[str, Stored]:

@@ -102,6 +102,7 @@ def test_a_description_that_does_not_fit_is_refused(folder):
         ({"sensors": ["base_0", "roof"]}, "unknown sensor 'roof'"),
         ({"scaling": None}, "lacks 'scaling'"),
         ({"layout": {"names": ["a"], "positions": [[0, 0]], "base": [], "mirror": [1]}}, "mirror|out of bounds"),
+        ({"layout": {"names": ["a"], "positions": [[0, 0]], "base": [2**64], "mirror": None}}, "int too large"),
         ({"config": {"flow": {"reynold": 1.0}}}, "reynold"),
         ({"scaling": {**vars(SCALING), "force_mean": [1.0]}}, r"scaling\.force_mean has 1 values, must have 2"),
     ]

@@ -26,29 +26,23 @@ def written(tmp_path):
     return stored, tmp_path / "a.nc"
 
 
-def test_xarray_reads_series_units_and_sensors(written):
+def test_xarray_reads_series_units_and_sensors_and_the_import_the_same_episode(written):
     stored, path = written
+    facts = PlantFacts(control_period=0.2, action_limit=10.0)
+    (imported,) = assemble([EpisodeSource(path=path, role="train")], TRUCK, facts).episodes
+    assert (imported.initial_action, imported.series.keys()) == (stored.initial_action, stored.series.keys())
     with xarray.open_dataset(path, engine="scipy") as found:
         assert [found.attrs[name] for name in ("Conventions", "title", "role")] == ["CF-1.11", stored.name, "train"]
         assert dict(found.sizes) == {"t": 12, "sensor": 90}
         for name, values in stored.series.items():
             np.testing.assert_array_equal(found[name], values, err_msg=name)
+            np.testing.assert_array_equal(imported.series[name], values, err_msg=name)
             assert found[name].attrs["units"] == "1" and found[name].attrs["long_name"]
         assert found["Cp"].dims == ("t", "sensor") and found["Cp"].encoding["dtype"] == np.int16
         assert found["jet_power"].attrs["long_name"] == "power of the jets in rho U_inf^3 W / 2"
         assert [name.strip() for name in found["sensor_name"].values] == list(TRUCK.names)
         np.testing.assert_array_equal(np.column_stack([found["x"], found["y"]]), TRUCK.positions)
         assert float(found["initial_action"]) == stored.initial_action
-
-
-def test_the_import_reads_the_same_episode(written):
-    stored, path = written
-    facts = PlantFacts(control_period=0.2, action_limit=10.0)
-    (found,) = assemble([EpisodeSource(path=path, role="train")], TRUCK, facts).episodes
-    assert found.initial_action == stored.initial_action
-    assert found.series.keys() == stored.series.keys()
-    for name, values in stored.series.items():
-        np.testing.assert_array_equal(found.series[name], values, err_msg=name)
 
 
 def test_the_reader_of_paraview_has_the_series_over_time(written):

@@ -6,7 +6,7 @@ import numpy as np
 
 from contract.recording.dataset import Dataset, Episode
 from contract.recording.episode import PlantFacts
-from contract.recording.summary import fitting_settings, uncontrolled
+from contract.recording.summary import fitting_settings
 from contract.sensor_layout import SensorLayout
 
 PERIOD = 0.25
@@ -27,17 +27,11 @@ def data(*episodes: Episode, **facts: float) -> Dataset:
     return Dataset(episodes=episodes, layout=LAYOUT, facts=PlantFacts(control_period=PERIOD, **facts))
 
 
-def test_the_longest_calm_stretch_is_the_uncontrolled_wake():
-    forced, calm = wave("forced", 300, 20.0, 0.1), wave("calm", 100, 20.0, 0.0)
-    stretch = uncontrolled(data(forced, calm, action_limit=0.1))
-    assert stretch is not None
-    assert (stretch.name, len(stretch)) == ("calm", 100)
-
-
 def test_settings_follow_from_the_data():
-    text = fitting_settings(data(wave("calm", 400, 20.0, 0.0), action_limit=0.1, reynolds=90.0))
-    found = tomllib.loads(text)
-    assert found == {
+    short, calm, forced = wave("short", 60, 9.0, 0.0), wave("calm", 400, 20.0, 0.0), wave("forced", 500, 30.0, 0.1)
+    text = fitting_settings(data(short, calm, forced, action_limit=0.1, reynolds=90.0))
+    assert "# mean Cd, uncontrolled, 400 steps of calm" in text
+    assert tomllib.loads(text) == {
         "flow": {"control_period": PERIOD, "action_limit": 0.1, "reynolds": 90.0},
         "mpc": {"drag_reference": 1.25, "horizon": 20},
         "model": {"window": 24},

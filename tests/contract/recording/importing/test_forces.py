@@ -1,5 +1,6 @@
 """Forces beside a log: what is on straight lines comes out exactly, what does not cover the rows is refused."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,19 @@ def test_what_lies_outside_or_in_a_gap_is_refused_by_time():
     # A row on the edge of the gap needs no line across it; one by a hair outside takes the value there.
     found = one.at(np.array([0.0, 0.075, 0.1, 0.5, 0.605]), **wide)
     np.testing.assert_allclose([found["Cd"], -found["Cl"]], [[1.0, 1.75, 2.0, 3.0, 4.0]] * 2)
+
+
+def test_seconds_since_1970_are_stated_to_a_tenth_of_a_millisecond():
+    start = 1795773600.25
+    with pytest.raises(DatasetError, match=r"rise from row 1 to 2: 1795773600\.2516, 1795773600\.2513"):
+        series(start + np.array([0.0, 0.0016, 0.0013]), [1.0, 2.0, 3.0])
+    one, wide = series(start + np.array([0.0, 0.1, 0.5]), [1.0, 2.0, 3.0]), {"longest_gap": 0.2, "slack": 0.01}
+    for at, text in (
+        (-0.02, "goes from 1795773600.25 to 1795773600.75 s .* from 1795773600.23 to"),
+        (0.3, "1795773600.35 and"),
+    ):
+        with pytest.raises(DatasetError, match=text):
+            one.at(start + np.array([at, 0.4]), **wide)
 
 
 def test_series_that_are_none_are_refused():
@@ -69,6 +83,14 @@ def test_tables_are_read_whatever_holds_them(tmp_path):
     for values, text in (
         ({"t": T, "Cd": T}, "no column 'Cl' for the forces' table; it has t, Cd"),
         ({"t": T, "Cd": T[:2], "Cl": T}, "'Cd' has 2 rows; 't' has 4"),
+        ({"t [days]": T, "Cd": T, "Cl": T}, "no column 't' for the forces' table; it has t [days]"),
+        ({"t": T, "Cd [lbf]": T, "Cl": T}, "no column 'Cd' for the forces' table; it has t, Cd [lbf]"),
+        ({"t": T, "Cd (N)": T, "Cl": T}, "Cd (N)' is in 'N'; Cd must be without dimension"),
     ):
-        with pytest.raises(DatasetError, match=text.replace("[", r"\[")):
+        with pytest.raises(DatasetError, match=re.escape(text)):
             read_forces(write(tmp_path / "forces.npz", values), {})
+    days = write(tmp_path / "forces.h5", VALUES)
+    with h5py.File(days, "r+") as file:
+        file["t"].attrs["units"] = "days since 2026-11-30"
+    with pytest.raises(DatasetError, match="'t' is in 'days since 2026-11-30'; times must be in s, ms"):
+        read_forces(days, {})

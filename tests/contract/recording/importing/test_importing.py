@@ -48,14 +48,7 @@ def test_every_format_gives_the_same_data_set_within_half_a_quantum(tmp_path, la
             assert np.abs(episode.series[name] - values[name]).max() <= half, name
 
 
-def test_other_units_names_and_series_are_taken_where_they_are(tmp_path, layout):
-    values = foreign_plant.series(30, 2)
-    renamed = {"drag": values["Cd"], "p": values["Cp"] * 375.0} | {k: values[k] for k in ("action", "Cl")}
-    path = foreign_plant.write_npz(tmp_path / "a.npz", renamed)
-    made = imported(path, layout, renamed={"Cd": "drag", "Cp": "p"}, references=references_of(["Cp=375Pa"]))
-    np.testing.assert_allclose(made.episodes[0].series["Cp"], values["Cp"], rtol=1e-12)
-    np.testing.assert_array_equal(made.episodes[0].series["Cd"], values["Cd"])
-    # The action before the first row and the ledger are taken where they are.
+def test_the_action_before_the_first_row_and_the_ledger_are_taken_where_they_are(tmp_path, layout):
     values = foreign_plant.series(30, 2) | {"jet_power": np.linspace(0, 1, 30), "initial_action": np.array(0.07)}
     episode = imported(foreign_plant.write_npz(tmp_path / "a.npz", values), layout).episodes[0]
     assert episode.initial_action == 0.07
@@ -137,18 +130,6 @@ def test_a_constant_sensor_is_read_whatever_its_value_and_a_series_too_fine_to_s
         imported(foreign_plant.write_csv(tmp_path / "a.csv", values), layout)
 
 
-def test_comments_and_a_header_that_is_one_are_read(tmp_path, layout):
-    """numpy.savetxt writes the header after a #; others write remarks above it, a byte order mark, or the separator."""
-    for head in ("# {}\n", "# my rig, 2026\n\n{}\n", "\ufeff{}\r\n", "\ufeffsep=,\r\n{}\r\n"):
-        values = foreign_plant.series(20, 3)
-        path = foreign_plant.write_csv(tmp_path / "a.csv", values)
-        names, rows = path.read_text().split("\n", 1)
-        path.write_text(head.format(names) + rows, encoding="utf-8")
-        series = imported(path, layout).episodes[0].series
-        np.testing.assert_allclose(series["t"], values["t"], atol=1e-6)
-        np.testing.assert_allclose(series["Cp"], values["Cp"], atol=1e-6)
-
-
 def test_what_is_not_used_is_told_and_a_renamed_column_must_be_there(tmp_path, layout):
     """A clock called "time" would otherwise be passed over in silence, and with it a wrong period."""
     values = foreign_plant.series(20, 3)
@@ -156,6 +137,12 @@ def test_what_is_not_used_is_told_and_a_renamed_column_must_be_there(tmp_path, l
     told: list[tuple[str, str]] = []
     imported(path, layout, told=lambda path, note: told.append((path.name, note)))
     assert told == [("a.npz", "not used: time")]
+    # One array has all pressures, so a second array of a sensor has no effect.
+    for name, renamed in ((NAMES[0], {}), ("mine", {NAMES[0]: "mine"})):
+        path = foreign_plant.write_npz(tmp_path / "a.npz", values | {name: np.zeros(20), "time": values["t"]})
+        imported(path, layout, renamed=renamed, told=lambda path, note: told.append((path.name, note)))
+        assert told[-1] == ("a.npz", f"not used: {name}, time")
+    foreign_plant.write_npz(path, values | {"time": np.linspace(0.0, 0.019, 20)})
     with pytest.raises(DatasetError, match=r"t rises by 0\.001"):
         imported(path, layout, renamed={"t": "time"})
     with pytest.raises(DatasetError, match=r"--map t=zeit: no file has a column 'zeit'"):
@@ -233,6 +220,18 @@ def test_packed_numbers_gaps_and_units_are_those_of_cf(tmp_path, layout):
             np.testing.assert_allclose(found.series["Cd"], drag, atol=0.0005001)
     with pytest.raises(DatasetError, match="'Cd' holds a value, -32767, that is the default fill value of netCDF"):
         imported(tmp_path / "a.nc", layout)
+
+
+def test_names_in_a_classic_netcdf_file_are_utf_8_or_as_scipy_writes_them(tmp_path, layout):
+    values = foreign_plant.series(20, 3)
+    pressures = dict(zip(NAMES, values.pop("Cp").T, strict=True))
+    for encoding in ("utf-8", "latin-1"):
+        with netcdf_file(tmp_path / "a.nc", "w") as file:
+            file.createDimension("row", 20)
+            for name, array in (values | pressures).items():
+                file.createVariable(name.encode(encoding).decode("latin-1"), "d", ("row",))[:] = array
+        series = imported(tmp_path / "a.nc", layout).episodes[0].series
+        np.testing.assert_array_equal(series["Cp"], np.column_stack(list(pressures.values())))
 
 
 def test_an_array_has_each_of_its_names_and_a_dimension_has_no_values(tmp_path, layout):
@@ -320,19 +319,37 @@ def test_matlab_files_old_and_new_are_tables(tmp_path, layout):
         imported(tmp_path / "a.mat", layout)
 
 
-def test_empty_columns_and_objects_are_told_and_not_in_the_way(tmp_path, layout):
+def test_one_sensor_or_one_row_is_read_from_matlab_too(tmp_path):
+    """SciPy drops MATLAB's axes of length 1."""
+    values = foreign_plant.series(20, 3)
+    for rows, sensors in ((20, 1), (1, 7), (1, 1)):
+        layout = SensorLayout.of(NAMES[:sensors], np.array(POSITIONS[:sensors]))
+        part = values | {"Cp": values["Cp"][:, :sensors]}
+        savemat(tmp_path / "a.mat", {name: array[:rows] for name, array in part.items()})
+        series = imported(tmp_path / "a.mat", layout).episodes[0].series
+        np.testing.assert_array_equal(series["Cp"], values["Cp"][:rows, :sensors])
+        np.testing.assert_array_equal(series["Cd"], values["Cd"][:rows])
+
+
+def test_remarks_empty_columns_and_objects_are_told_and_not_in_the_way(tmp_path, layout):
+    """numpy.savetxt writes the header after a #; others write remarks above it, a byte order mark, or the separator."""
     values = foreign_plant.series(20, 3)
     path = foreign_plant.write_csv(tmp_path / "a.csv", values)
     plain = path.read_text().splitlines()
     told: list[str] = []
     for lines, unread in (
+        ([f"# {plain[0]}", *plain[1:]], None),
+        (["# my rig, 2026", "", *plain], None),
+        ([f"\ufeff{plain[0]}\r", *plain[1:]], None),
+        (["\ufeffsep=,\r", *plain], None),
         ([plain[0], *(f"{line},," for line in plain[1:])], None),
         ([f"{line},," for line in plain], ", ".join(f"column {k}, which has no name and is empty" for k in (12, 13))),
         ([f",{plain[0]}", *(f"{k},{line}" for k, line in enumerate(plain[1:]))], "column 1, which has no name"),
     ):
-        path.write_text("\n".join([*lines, ",,,,"]) + "\n")
+        path.write_text("\n".join([*lines, ",,,,"]) + "\n", encoding="utf-8")
         found = imported(path, layout, told=lambda path, note: told.append(note)).episodes[0]
-        np.testing.assert_array_equal(found.series["Cp"], values["Cp"])
+        for name in ("t", "Cp"):
+            np.testing.assert_array_equal(found.series[name], values[name])
         assert told[-1:] == ([] if unread is None else [f"not used: {unread}"])
     path = foreign_plant.write_npz(tmp_path / "b.npz", values | {"about": np.array({"rig": 1})})
     np.testing.assert_array_equal(imported(path, layout).episodes[0].series["Cd"], values["Cd"])
