@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from can_bridge.wire.messages import Reason
+from can_bridge.wire.messages import Mode, Reason
 from contract.config.vehicle import EcuConfig
 from ecu.fail_safe import FailSafe, OperatingMode, PeriodInputs
 from tests.each import each
@@ -146,3 +146,10 @@ def test_a_fault_that_shows_late_in_the_period_latches(mode):
     }
     assert (state.mode, state.reason) == expected.get(mode, (OperatingMode.FAULT, Reason.INTERNAL))
     assert state.good == 0
+
+
+def test_the_wire_has_its_own_names_and_the_jets_run_in_three_modes():
+    off = {mode for mode in OperatingMode if mode.on_wire is Mode.OFF}
+    assert off == {OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.ARMED, OperatingMode.UPDATE}
+    assert all(mode.on_wire.name == mode.name for mode in OperatingMode if mode not in off)
+    assert {mode.name for mode in OperatingMode if mode.drives_jets} == {"CONTROL", "HOLD", "DECAY"}

@@ -10,9 +10,10 @@ from e2e.p05 import e2e_p05_check, e2e_p05_protect
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.e2e.profiles import PROFILE_2, PROFILE_5, Profile
-from can_bridge.e2e.sender import E2eSender
+from can_bridge.e2e.profiles import PROFILE_2, PROFILE_5, Profile, profile_of
+from can_bridge.e2e.sender import E2eSender, SenderState, protected_frame
 from can_bridge.wire.message_specs import PRESSURE, SPECS
+from tests.can_bridge.wire.described import decoded
 from tests.refused import refused
 
 
@@ -105,3 +106,14 @@ def test_bad_arguments_are_refused_by_name_and_short_data_fails_its_check():
         assert not any(case.ours.check(bytes(length), data_id=1) for length in range(case.header))
     with refused(ValueError, "Pressure of 8 bytes: must have 16"):
         E2eSender(PRESSURE).frame(bytes(8), now_ns=0)
+
+
+def test_crc_and_counter_are_the_signals_of_the_dbc():
+    # AUTOSAR: CRC8 with a counter of 4 bits, CRC16 with one of 8.
+    assert (PROFILE_2.header_bits, PROFILE_5.header_bits) == (12, 24)
+    for spec in SPECS:
+        frame = protected_frame(SenderState(counter=11), bytes(spec.protected), spec=spec, now_ns=0)
+        signals = decoded(spec.name, frame.data.ljust(spec.length, b"\0"))
+        assert profile_of(spec).crc_of(frame.data) == signals["E2E_CRC"] != 0, spec.name
+        assert profile_of(spec).counter_of(frame.data) == signals["E2E_Counter"] == 11, spec.name
+        assert profile_of(spec).counter_period == (16 if spec.profile == 2 else 256), spec.name

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from can_bridge.e2e.profiles import PROFILE_5, profile_of
 from can_bridge.e2e.receiver import E2eReceiver, FrameCheck, StreamState
+from can_bridge.e2e.sender import E2eSender, SenderState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, PRESSURE_CLASSIC, PRESSURE_SECURED, MessageSpec
 from contract.config.vehicle import BusConfig, E2eConfig
@@ -174,3 +175,17 @@ def test_several_frames_in_a_period_are_all_checked_and_the_newest_good_one_coun
     for frames in ([frame(10, good=False)], [frame(10), frame(10)], [], [frame(12)], [frame(50)]):
         made.tick(frames)
     assert (made.state.frames_rejected, made.state.count(FrameCheck.ERROR)) == (3, 1)
+
+
+def test_silence_and_failing_frames_begin_no_stream():
+    made = E2eReceiver(PRESSURE, CONFIG)
+    assert all(made.tick(frames).stream is NODATA for frames in ([], [frame(1, good=False)]))
+
+
+def test_sender_and_receiver_agree_over_several_wraps():
+    made, sender = E2eReceiver(PRESSURE, CONFIG), E2eSender(PRESSURE)
+    for step in range(600):
+        sent = sender.frame(bytes(PRESSURE.length), now_ns=step)
+        assert (sent.timestamp_ns, sent.is_fd, sent.frame_id) == (step, True, PRESSURE.frame_id)
+        assert made.tick([sent]).checks == (FrameCheck.OK,)
+    assert sender.state == SenderState(counter=600 % 256)

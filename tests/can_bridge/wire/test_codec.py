@@ -131,6 +131,19 @@ def test_only_the_messages_own_length_parses_and_zeros_stay_zeros():
         assert one.emit(one.parse(bytes(own))) == bytes(own), one
 
 
+def test_values_outside_a_table_are_malformed():
+    for parse, size, shift, bad in (
+        (codec.parse_jet_command, 8, 24, (6, 7)),
+        (codec.parse_ecu_status, 24, 24, range(6, 16)),
+        (codec.parse_ecu_status, 24, 32, range(18, 256)),
+        (classic_codec.parse_jet_command, 8, 12, (6, 7)),
+        (classic_codec.parse_ecu_status, 8, 12, (6, 7)),
+        (classic_codec.parse_ecu_status, 8, 15, range(18, 32)),
+    ):
+        assert parse(bytes(size)) is not None, parse
+        assert not [value for value in bad if parse((value << shift).to_bytes(size, "little")) is not None], parse
+
+
 def test_what_eight_bytes_leave_out():
     """A sensor that is not valid loses its value, a count stays at its largest value, the hash loses its lower half."""
     message = pressure(pressure_pa=(-2047.0, 1.0, 2047.0, 5.0), valid=(True, False, True, True), age_ns=10_000_000)
