@@ -6,6 +6,8 @@ from itertools import product
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from can_bridge.wire import classic_codec, codec
 from can_bridge.wire import message_specs as specs
@@ -122,6 +124,15 @@ def test_an_age_is_rounded_and_in_the_classic_set_looks_no_fresher_than_it_is():
         beyond = STALE_NS if name == "pressure" else most
         for age, wanted in ((0, 0), (1, 10_000_000), (most, most), (most + 1, beyond), (10**12, beyond)):
             assert received(classic_codec, name, message._replace(age_ns=age)).age_ns == wanted, age
+
+
+@given(data=st.binary(max_size=70) | st.sampled_from([8, 16, 24]).flatmap(lambda n: st.binary(min_size=n, max_size=n)))
+def test_any_bytes_parse_to_none_or_to_a_message_that_survives(data):
+    """Never raises on wire data, and what it returns can be sent again and means the same."""
+    for one in MESSAGES:
+        message = one.parse(data)
+        assert message is None or one.parse(one.emit(message)) == message, one
+        assert message is None or len(data) == one.spec.length, one
 
 
 def test_only_the_messages_own_length_parses_and_zeros_stay_zeros():

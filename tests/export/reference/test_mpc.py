@@ -17,6 +17,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes
+from scipy.optimize import minimize
 
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
@@ -32,6 +33,7 @@ from export.reference.mpc import (
     cost_terms,
     evaluate,
     gradient,
+    optimise,
     predict,
     rollout,
     shift,
@@ -63,6 +65,22 @@ def test_actions_stay_in_bounds_and_committed_ones_stay_put(plan, free, rate, se
     found = control_step(program, a_window(program, seed), plan, free, None, 1.0, limit).plan
     assert np.abs(found * free).max() <= min(limit, program.action_limit)
     np.testing.assert_array_equal(found[free == 0], shift(plan)[free == 0])
+
+
+@pytest.mark.slow
+def test_many_iterations_reach_the_optimum_of_an_independent_optimiser():
+    """On smooth terms, against SciPy's L-BFGS-B with numerical gradients of the cost alone."""
+    goal = CostWeights(drag_fluctuation=0.0, lift=0.0, lift_mean=0.3, smoothness=4.0, effort=0.5, rate=1.0)
+    program = small(iterations=400, learning_rate=2e-3, weights=goal)
+    z, weights = encode(program, a_window(program)), np.array(goal.as_tuple())
+
+    def cost(plan: np.ndarray) -> float:
+        return evaluate(program, z, plan, 0.01, weights).cost
+
+    start, limit = np.zeros(HORIZON), program.action_limit
+    best = minimize(cost, start, method="L-BFGS-B", bounds=[(-limit, limit)] * HORIZON)
+    found = cost(optimise(program, z, start, 0.01, np.ones(HORIZON), weights))
+    assert found - best.fun <= 1e-3 * (cost(start) - best.fun) + 1e-9
 
 
 def test_terms_of_a_small_example_by_hand():

@@ -137,6 +137,14 @@ def test_errors_in_what_the_ecu_sends_take_it_off_the_bus_until_it_recovers():
     assert len(run.of(PRESSURE)) == 60
 
 
+def test_pressures_that_a_port_loses_are_missing_in_their_periods():
+    for fault in ("drop:probability=1", "disconnect"):
+        run = Run(f"vehicle:{fault}@0.59..0.65")
+        assert run.modes[29:33].tolist() == [Mode.CONTROL, Mode.HOLD, Mode.DECAY, Mode.DECAY], fault
+        assert set(run.reasons[30:33]) == {Reason.STREAM_LOST}, fault
+        assert set(run.modes[40:]) == {Mode.CONTROL}, fault
+
+
 def test_a_delay_that_looks_like_fresh_frames_shows_in_the_echo_and_one_that_does_not_latches():
     """A gateway's delay is the first, and a queue's can be the second."""
     for restamp in ("true", "false"):

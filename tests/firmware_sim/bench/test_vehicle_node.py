@@ -129,6 +129,14 @@ def test_every_honest_echo_has_its_frames_age_and_one_of_a_frame_that_was_not_se
         assert ahead.received(number % period).age == 0
 
 
+def test_the_age_behind_a_command_is_read_off_its_echo(node, trusted):
+    for k in range(1, 300):  # the counter wraps at 256
+        request(node, now_ns=1000 * k)
+        assert node.apply_commands([trusted(0.0, echo=max(0, k - 2) % 256)]).sampled_ns == 1000 * max(0, k - 2)
+    assert node.apply_commands([trusted(0.0, echo=None)]).sampled_ns is None
+    assert node.apply_commands([trusted(0.0, echo=299 % 256)]).sampled_ns == 299_000
+
+
 def test_a_command_drives_enabled_in_a_mode_that_does_and_on_pressures_alone(node, trusted):
     for mode in Mode:
         node.apply_commands([trusted(0.05)])

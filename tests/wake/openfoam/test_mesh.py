@@ -105,11 +105,11 @@ def written(coarse_mesh, tmp_path_factory):
     points = np.array([line.strip("()").split() for line in _read_list(folder / "points")], dtype=float)
     faces = np.array([line[2:-1].split() for line in _read_list(folder / "faces")], dtype=int)
     owner, neighbour = (np.array(_read_list(folder / name), dtype=int) for name in ("owner", "neighbour"))
-    return points, faces, owner, neighbour
+    return folder, points, faces, owner, neighbour
 
 
 def test_the_written_cells_are_closed_and_their_faces_look_outwards(written, coarse_mesh):
-    points, faces, owner, neighbour = written
+    _, points, faces, owner, neighbour = written
     corner = points[faces]
     # Vector area of a flat quadrilateral: half the cross product of its diagonals.
     area = 0.5 * np.cross(corner[:, 2] - corner[:, 0], corner[:, 3] - corner[:, 1])
@@ -128,9 +128,24 @@ def test_the_written_cells_are_closed_and_their_faces_look_outwards(written, coa
     assert volume == pytest.approx(_areas(coarse_mesh), rel=1e-9)
 
 
+def test_faces_and_patches_are_in_the_order_that_openfoam_wants(written):
+    folder, _, faces, owner, neighbour = written
+    assert (owner[: len(neighbour)] < neighbour).all()
+    keys = list(zip(owner[: len(neighbour)], neighbour, strict=True))
+    assert keys == sorted(keys)
+    assert len(np.unique(np.sort(faces, axis=1), axis=0)) == len(faces)
+    text = (folder / "boundary").read_text(encoding="ascii")
+    entries = re.findall(r"(\w+)\s*\{\s*type (\w+);\s*nFaces (\d+);\s*startFace (\d+);", text)
+    at = len(neighbour)
+    for name, kind, size, start in entries:
+        assert int(start) == at
+        assert kind == {"truck": "wall", "planes": "empty"}.get(name, "patch")
+        at += int(size)
+    assert at == len(faces)
+
+
 @pytest.mark.skipif(shutil.which("checkMesh") is None, reason="needs checkMesh (Debian package openfoam)")
 def test_checkmesh_finds_nothing_wrong(coarse_mesh, tmp_path):
-    """Nor in the order of faces and patches."""
     case.write_mesh(tmp_path, coarse_mesh)
     case.write_settings(
         tmp_path, coarse_mesh, FlowConfig(), end=1.0, dt=np.float64(0.01), steps_per_write=100, steps_per_sample=20
