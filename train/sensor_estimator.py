@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from contract.arrays import Array
 from contract.controller.estimator import EstimatorNetwork, views
 from contract.errors import DatasetError
 from contract.recording.dataset import Dataset
@@ -66,43 +67,55 @@ def fit_estimator(
     together = np.concatenate(learned)
     mean, std = together.mean(axis=0), together.std(axis=0)
     mean[-1] = 0.0
-    count = len(sensors)
     with torch_threads(threads):
-        generator = torch.Generator().manual_seed(SEED)
-        rows = torch.tensor((np.concatenate(learned) - mean) / std, dtype=torch.float32)
-        begins = np.cumsum([0, *(len(item) for item in learned[:-1])])
-        starts = torch.tensor(
-            np.concatenate([b + np.arange(len(item) - window + 1) for b, item in zip(begins, learned, strict=True)])
-        )
-        # Training needs no exchanged sensors: the check undoes an exchange first, so the network gets ordinary windows.
-        hidden = torch.zeros(count + count * (count - 1) // 2, count)
-        for flags, view in zip(hidden, views(count), strict=False):
-            flags[list(view.left_out)] = 1.0
-        unit = torch.tensor(np.sqrt(np.square(std[:-1]).mean()) / std[:-1], dtype=torch.float32)
-        middle = torch.tensor(mean[:-1] / std[:-1], dtype=torch.float32)
-        sizes = (window * (count + 1) + count, *_WIDTHS, count)
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(SEED)
-            linear = [nn.Linear(before, after) for before, after in pairwise(sizes)]
-        model = nn.Sequential(linear[0], nn.ReLU(), linear[1], nn.ReLU(), linear[2])
-        batches = max(1, round(epochs * len(starts) / BATCH))
-        optimiser = torch.optim.AdamW(model.parameters(), lr=LEARNING_RATE, weight_decay=WEIGHT_DECAY)
-        schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, LEARNING_RATE, total_steps=batches)
-        place = torch.arange(window)
-        for done in range(batches):
-            chosen = starts[torch.randint(len(starts), (BATCH,), generator=generator)]
-            seen = _blown(rows[chosen[:, None] + place], middle, generator)
-            target = seen[:, -1, :-1].clone()
-            flags = hidden[torch.randint(len(hidden), (BATCH,), generator=generator)]
-            answer = model(_inputs(_disturbed(seen, unit, generator), flags))
-            loss = (torch.square(answer - target) * flags).sum() / flags.sum()
-            optimiser.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]  # torch has no type for it
-            optimiser.step()
-            schedule.step()
-            progress(done + 1, batches)
-        layers = [(layer.weight.detach().double().numpy(), layer.bias.detach().double().numpy()) for layer in linear]
-        return EstimatorNetwork(window=window, mean=mean, std=std, layers=layers)
+        return _fit(learned, mean, std, window, epochs=epochs, progress=progress)
+
+
+def _fit(
+    learned: Sequence[Array],
+    mean: Array,
+    std: Array,
+    window: int,
+    *,
+    epochs: float,
+    progress: Callable[[int, int], None],
+) -> EstimatorNetwork:
+    generator = torch.Generator().manual_seed(SEED)
+    sensors = len(mean) - 1
+    rows = torch.tensor((np.concatenate(learned) - mean) / std, dtype=torch.float32)
+    begins = np.cumsum([0, *(len(item) for item in learned[:-1])])
+    starts = torch.tensor(
+        np.concatenate([b + np.arange(len(item) - window + 1) for b, item in zip(begins, learned, strict=True)])
+    )
+    # Training needs no exchanged sensors: the check undoes an exchange first, so the network gets ordinary windows.
+    hidden = torch.zeros(sensors + sensors * (sensors - 1) // 2, sensors)
+    for flags, view in zip(hidden, views(sensors), strict=False):
+        flags[list(view.left_out)] = 1.0
+    unit = torch.tensor(np.sqrt(np.square(std[:-1]).mean()) / std[:-1], dtype=torch.float32)
+    middle = torch.tensor(mean[:-1] / std[:-1], dtype=torch.float32)
+    sizes = (window * (sensors + 1) + sensors, *_WIDTHS, sensors)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(SEED)
+        linear = [nn.Linear(before, after) for before, after in pairwise(sizes)]
+    model = nn.Sequential(linear[0], nn.ReLU(), linear[1], nn.ReLU(), linear[2])
+    batches = max(1, round(epochs * len(starts) / BATCH))
+    optimiser = torch.optim.AdamW(model.parameters(), lr=LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, LEARNING_RATE, total_steps=batches)
+    place = torch.arange(window)
+    for done in range(batches):
+        chosen = starts[torch.randint(len(starts), (BATCH,), generator=generator)]
+        seen = _blown(rows[chosen[:, None] + place], middle, generator)
+        target = seen[:, -1, :-1].clone()
+        flags = hidden[torch.randint(len(hidden), (BATCH,), generator=generator)]
+        answer = model(_inputs(_disturbed(seen, unit, generator), flags))
+        loss = (torch.square(answer - target) * flags).sum() / flags.sum()
+        optimiser.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]  # torch has no type for it
+        optimiser.step()
+        schedule.step()
+        progress(done + 1, batches)
+    layers = [(layer.weight.detach().double().numpy(), layer.bias.detach().double().numpy()) for layer in linear]
+    return EstimatorNetwork(window=window, mean=mean, std=std, layers=layers)
 
 
 def _inputs(seen: Tensor, hidden: Tensor) -> Tensor:
