@@ -36,9 +36,9 @@ MOVE: Final = 5e-3
 """Largest allowed difference of an action, as a fraction of Adam's largest move (iterations * learning rate). With the
 paper's settings the largest difference is 2.5e-5 U_inf W."""
 FORCE: Final = 1e-4
-"""Largest allowed difference of a predicted Cd or Cl."""
+"""Largest allowed difference of a predicted Cd or Cl; if forces above 1 are predicted, relative to the largest."""
 COST: Final = 1e-4
-"""Largest allowed difference of a cost term or of the cost J."""
+"""Largest allowed difference of a cost term or of the cost J; above 1, relative to the largest term."""
 
 
 QUANTISATION_LIMITS: Final[Mapping[str, float]] = {"rms_action_error": 1e-3, "max_cost_gap": 1e-3}
@@ -105,9 +105,9 @@ def check_lowering(program: ControllerProgram, lowering: Controller, name: str, 
         expected = control_step(program, *case)
         found = lowering.control_step(*case)
         plan, forces, terms = (
-            np.abs(getattr(found, part) - getattr(expected, part)).max() for part in ("plan", "forces", "terms")
+            _difference(getattr(found, part), getattr(expected, part)) for part in ("plan", "forces", "terms")
         )
-        differences.append((plan, forces, max(terms, abs(found.cost - expected.cost))))
+        differences.append((plan, forces, max(terms, _difference(found.cost, expected.cost))))
     action, force, cost = (float(value) for value in np.max(differences, axis=0))
     for figure, difference, allowed in (
         ("action", action, MOVE * program.mpc.iterations * program.mpc.learning_rate),
@@ -120,6 +120,10 @@ def check_lowering(program: ControllerProgram, lowering: Controller, name: str, 
                 f"{name} and reference differ by {difference:.2g} in {figure}; at most {allowed:.2g} is allowed"
             )
     return {"cases": len(differences), "action": action, "force": force, "cost": cost}
+
+
+def _difference(found: Array | float, expected: Array | float) -> float:
+    return float(np.abs(np.subtract(found, expected)).max() / max(1.0, np.abs(expected).max()))
 
 
 def _as_float32(values: Array) -> Array:

@@ -13,7 +13,7 @@ from math import isfinite
 from typing import Annotated, Any, ClassVar, Final, Literal, TypeVar, get_args, get_type_hints
 
 from contract.errors import ConfigError
-from contract.printable import LARGEST, quoted
+from contract.printable import quoted
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,8 @@ TINY: Final = 1e-45
 HUGE: Final = 1e12
 """Largest magnitude of a nonzero real setting; `TINY` is the smallest. The bounds also apply to calibrated weights,
 which are float32."""
+MOST: Final = 2**31 - 1
+"""Largest magnitude of an integer setting, so that a number of periods in ns does not overflow 64 bits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,10 +106,8 @@ class Rule:
         """Return whether a field with this rule may have the value."""
         if value is None and self.or_none:
             return True
-        if isinstance(value, str):
+        if isinstance(value, str | int):
             return self.holds(value)
-        if isinstance(value, int):
-            return abs(value) < LARGEST and self.holds(value)
         return isfinite(value) and self.holds(value)  # type: ignore[arg-type]  # None elsewhere is a TypeError
 
 
@@ -157,6 +157,8 @@ class Settings:
                 # Outside these bounds, the product of a few settings may overflow or underflow.
                 require(TINY <= abs(value) <= HUGE, self, name, f"0, or from {TINY:g} to {HUGE:g} in size")
             require(rule.admits(value), self, name, rule.wording)
+            if isinstance(value, int):
+                require(abs(value) <= MOST, self, name, f"at most {MOST} in size")
         self._check_together()
 
     def _check_together(self) -> None:

@@ -12,6 +12,7 @@ import pytest
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
 from contract.controller.goal import SCHEDULED
+from contract.errors import ExportError
 from contract.runtime.onnx_session import OnnxController
 from examples.random_programs import random_program
 from export.gates import Figures, check_lowering
@@ -46,6 +47,17 @@ def test_paper_size(round_weights):
     report = check_graph(effective(lowered), lowered, random_windows(program, 4, seed=1))
     # Far from the small gradients and kinks that the gate leaves room for, actions agree to float32's rounding.
     assert report["action"] < 2e-6
+
+
+def test_large_forces_are_compared_relative_to_the_largest():
+    # Forces per span of another body; float32 has 24 bits of them.
+    program = random_program(4, model=SMALL, mpc=MpcConfig(horizon=6))
+    scaling = replace(program.scaling, force_mean=(100.0, -300.0), force_std=(20.0, 300.0))
+    large = replace(program, scaling=scaling)
+    check_graph(large, large, random_windows(large, 6))
+    wrong = replace(large, scaling=replace(scaling, force_std=(20.0, 300.3)))
+    with pytest.raises(ExportError, match="and reference differ by"):
+        check_graph(large, wrong, random_windows(large, 6))
 
 
 def test_the_speed_is_an_input_where_the_plan_depends_on_it():

@@ -37,6 +37,7 @@ REFUSED = {
     "train.schedule=cosine": "train.schedule = 'cosine': must be 'constant' or 'one_cycle'",
     "flow.reynolds=nan": "flow.reynolds = nan: must be positive",
     "flow.substeps=" + "9" * 400: "flow.substeps = a number of more than 18 digits: must be in 1..10000",
+    "ecu.hold_periods=9223372036854775807": "must be at most 2147483647 in size",
     "flow.substeps=" + "9" * 9999: "override 'flow.substeps=999",
     "flow.substeps=" + "[" * 5000: "is not a TOML value",
     "bus.channel=\udcff": "holds a character that cannot be printed",
