@@ -20,7 +20,7 @@ from can_bridge.wire.messages import Reason
 from contract.config.tree import Config
 from contract.controller.air_speed import FIRST_PERIOD, MEAN_PERIODS
 from ecu.benefit_check import MOVED, PATIENCE, BenefitCheckState
-from ecu.controller_memory import DelayLine
+from ecu.controller_memory import DelayLine, Past
 from ecu.ecu_state import EcuState
 from ecu.fail_safe import OperatingMode
 from ecu.pressure_reception import SILENCE_NS, OtherEcu
@@ -43,6 +43,8 @@ class Edges:
 
     def near(self, state: EcuState, now_ns: int) -> EcuState:
         """A state like this one before a step at `now_ns`, some of its parts moved."""
+        if state.speed.air.means.size and self._rng.random() < 0.3:
+            return self._driven_long(state, now_ns)
         if self._rng.random() < 0.3:
             return self._held(state, now_ns)
         moves = (
@@ -170,6 +172,17 @@ class Edges:
             moved = self._speed(moved, now_ns)
         return self._memory(self._pressures(moved, now_ns), now_ns)
 
+    def _driven_long(self, state: EcuState, now_ns: int) -> EcuState:
+        """In control with a full past, so that the air speed is estimated by this period's pressures, if any come."""
+        rng, moved = self._rng, self._held(state, now_ns)
+        speed = replace(moved.speed, ratio=rng.choice((1.0, 0.7, 0.9, 1.3)), is_off=False)
+        empty = Past.empty(len(moved.memory.past.rows), moved.memory.window.shape[1] - 1)
+        rows = np.array([rng.uniform(-1.0, 1.0) for _ in empty.rows.flat]).reshape(empty.rows.shape)
+        past = Past(rows=rows, speeds=np.full(len(rows), speed.ratio), count=len(rows))
+        window, count = past.read(len(moved.memory.window))
+        memory = replace(moved.memory, past=past, window=window, rows=count, gap=0)
+        return replace(moved, speed=speed, memory=memory, sensors=replace(moved.sensors, set_aside=None))
+
     def _memory(self, state: EcuState, _: int) -> EcuState:
         rng, ecu, limit = self._rng, self._config.ecu, self._limits.flow_m2_per_s
         step = self._limits.step_m2_per_s
@@ -202,7 +215,7 @@ class Edges:
         return AirSpeedState(
             correction=self._rng.choice((1.0, 1.0 - most, 1.0 + most, self._rng.uniform(1.0 - most, 1.0 + most))),
             driven=min(FIRST_PERIOD, self._rng.choice((0, 1, MEAN_PERIODS, first))),
-            means=np.array([self._rng.choice((0.0, 0.02, -0.3)) for _ in air.means]),
+            means=np.array([self._rng.choice((0.0, 0.2, -0.6)) for _ in air.means]),
         )
 
     def _on_wire(self, flow_m2_per_s: float) -> float:

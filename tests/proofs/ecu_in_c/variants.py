@@ -69,8 +69,8 @@ speed are not the default ones."""
 SPEEDS: Final = SpeedRange(slowest=0.6, fastest=1.4)
 RESTING: Final = RestingWake(speeds=(0.7, 0.9, 1.3), base=(-0.3, -0.5, -0.45), swing=(0.1, 0.3, 0.7))
 """Narrower than the speeds, and not of the design speed."""
-AIR_SPEED: Final = tuple(((number * 7) % 11 - 5) / 40 for number in range(weight_count(2)))
-"""Weights of either sign, so that the estimate goes either way."""
+AIR_SPEED: Final = tuple(((number * 7) % 11 - 5.5) / 40 for number in range(weight_count(2)))
+"""Weights of either sign and none zero, so that the estimate goes either way."""
 
 KEY: Final = Key(bytes(range(1, 17)))
 HEARD: Final = {SECURED.pressure.spec.frame_id: 5 << 32 | 40, SECURED.speed.spec.frame_id: 5 << 32 | 7}
@@ -92,8 +92,9 @@ def bundle_of(config: Config) -> Bundle:
     rows = tuple(tuple(DEVIATION * (1.0 + 0.1 * (i + 2 * j)) for i in range(4)) for j in range(4))
     figures = SensorEstimator(fast=rows, slow=rows)
     is_driven = config.ecu.speed != SpeedConfig()
-    # One kind of release has a weight of its own that no calibration of another could have.
-    heavy = replace(bundle.manifest.mpc.weights, effort=2.0 * LARGEST_WEIGHT)
+    # One kind of release has a weight of its own that no calibration of another could have, and one beside the
+    # weights of the estimate.
+    heavy = replace(bundle.manifest.mpc.weights, effort=2.0 * LARGEST_WEIGHT, prior=0.5)
     # Some state what their wake is without jets.
     stated = RESTING if is_driven or config.bus.frames == "fd" else None
     manifest = replace(bundle.manifest, sensor_estimator=figures, resting=stated)
