@@ -176,8 +176,9 @@ class Edges:
         """In control with a full past, so that the air speed is estimated by this period's pressures, if any come."""
         rng, moved = self._rng, self._held(state, now_ns)
         speed = replace(moved.speed, ratio=rng.choice((1.0, 0.7, 0.9, 1.3)), is_off=False)
-        empty = Past.empty(len(moved.memory.past.rows), moved.memory.window.shape[1] - 1)
-        rows = np.array([rng.uniform(-1.0, 1.0) for _ in empty.rows.flat]).reshape(empty.rows.shape)
+        assert moved.memory.past is not None
+        shape = moved.memory.past.rows.shape
+        rows = np.array([rng.uniform(-1.0, 1.0) for _ in range(shape[0] * shape[1])]).reshape(shape)
         past = Past(rows=rows, speeds=np.full(len(rows), speed.ratio), count=len(rows))
         window, count = past.read(len(moved.memory.window))
         memory = replace(moved.memory, past=past, window=window, rows=count, gap=0)
