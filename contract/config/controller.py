@@ -50,7 +50,7 @@ class MpcConfig(Settings, source=paper("section 2.4.2")):
     """Number of Adam iterations in each control step."""
     learning_rate: Positive[float] = 1e-3
     """Learning rate of the Adam iterations."""
-    epsilon: Annotated[Positive[float], ours("from Kingma and Ba; the paper gives none")] = 1e-8
+    epsilon: Annotated[Positive[float], ours("from Kingma and Ba; the paper gives no value")] = 1e-8
     """Constant that Adam adds to the root of the gradient's second moment. With a constant far below the gradient's
     magnitude, the first step equals the learning rate. With a constant far above this magnitude, the first step is the
     gradient times learning rate / `mpc.epsilon`."""

@@ -58,8 +58,8 @@ class ForcingConfig(Settings, source=paper("section 2.1")):
     """Start frequency of the test episode's chirp, which ends at `forcing.chirp_end`."""
     chirp_end: Annotated[Positive[float], FREQUENCY] = 0.4
     extended_chirp_start: Annotated[Positive[float], FREQUENCY, paper("appendix A")] = 0.01
-    """Start frequency of the extended chirp, which goes beyond the frequencies of the training waveform (paper,
-    appendix A)."""
+    """Start frequency of the extended chirp, which has frequencies outside the training waveform (paper, appendix
+    A)."""
     extended_chirp_end: Annotated[Positive[float], FREQUENCY, paper("appendix A")] = 0.8
     exploration_time: Annotated[
         Positive[float], TIME, ours("a fifth of a shedding cycle", page="how-to/record-data.md")
@@ -75,7 +75,6 @@ class OpenFoamConfig(Settings, source=ours("the second plant is not the paper's 
     refinement: Annotated[float, _REFINEMENT, ours("the mesh of the comparison", page="how-to/use-openfoam.md")] = 1.0
     """Divisor of all spacings of the body-fitted mesh; a finer mesh needs a smaller time step."""
     develop_time: Annotated[Positive[float], TIME] = 50.0
-    """Time without jets that OpenFOAM simulates before its first run, starting from the developed wake of stillwake's
-    solver."""
+    """Time without jets that OpenFOAM simulates before its first run, from the developed wake of stillwake's solver."""
     develop_substeps: AtLeastOne[int] = 20
     """Number of time steps per control period during `openfoam.develop_time`."""

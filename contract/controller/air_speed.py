@@ -18,7 +18,7 @@ such a product; it would raise the mean of a square."""
 MEAN_PERIODS: Final = 50
 """Number of periods of the running means of the features: two shedding cycles."""
 FIRST_PERIOD: Final = 100
-"""Number of periods under control before the first estimate, so that the wake resembles the wakes of the fit."""
+"""Number of controlled periods before the first estimate, so that the wake resembles the wakes of the fitted runs."""
 
 
 def feature_count(pairs: int) -> int:
@@ -33,7 +33,7 @@ def weight_count(pairs: int) -> int:
 
 def features(window: Array) -> Array:
     """Compute the features (..., F) of the newest row, which is the last row of a window (..., L, 2 p + 1). A row has
-    the Cp of p pairs of mirrored sensors, one pair after the other, and the action in units of the speed in use.
+    the Cp of p pairs of mirrored sensors, pair by pair, and the action, all scaled with the speed in use.
 
     The signals of a row are the pairs' differences and the action. The features are the pairs' sums in the newest row,
     and for each lag in `LAGS` all products of a signal of the newest row and a signal of the row `lag` rows earlier.
@@ -46,6 +46,6 @@ def features(window: Array) -> Array:
 
 
 def terms(means: Array, pairs: int) -> Array:
-    """Return the terms of the estimate from the features' means (..., F): these means, the squared means of the pairs'
-    sums, and 1."""
+    """Return the estimate's terms from the means (..., F) of the features: these means, the squared means of the sums,
+    and 1."""
     return np.concatenate([means, np.square(means[..., :pairs]), np.ones((*means.shape[:-1], 1))], axis=-1)

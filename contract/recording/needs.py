@@ -15,7 +15,7 @@ STRETCH: Final = 64
 """Number of consecutive latent states that the distillation uses from one pass of the LSTM over a sequence of rows."""
 
 GATE_WINDOWS: Final = 50
-"""Number of consecutive recorded windows that the export gates replay."""
+"""Number of consecutive recorded windows with which the export checks a controller."""
 
 CALIBRATION_WINDOWS: Final = 400
 """Number of recorded windows with which int8 rounding is calibrated, counted over all kinds of forcing together."""
@@ -44,7 +44,7 @@ def fitting_need(config: Config) -> Need:
     reason = f"a window of {window}, {ahead} steps ahead and segments of {train.segment}"
     needs = [Need(steps=window - 1 + train.segment + ahead, reason=reason)]
     if train.stream_epochs:
-        needs.append(Need(steps=window - 1 + STRETCH, reason=f"a window of {window} and stretches of {STRETCH}"))
+        needs.append(Need(steps=window - 1 + STRETCH, reason=f"a window of {window} and sequences of {STRETCH}"))
     return max(needs, key=lambda need: need.steps)
 
 
