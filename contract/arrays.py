@@ -9,7 +9,7 @@ Array: TypeAlias = npt.NDArray[np.float64]
 """Array of numbers in double precision."""
 
 Precision: TypeAlias = npt.DTypeLike
-"""Type of the numbers in a computation: np.float64, or np.float32 for a flow in training."""
+"""Type of the numbers in a computation: np.float64, or np.float32 for flows simulated to train a controller."""
 
 Index: TypeAlias = npt.NDArray[np.intp]
 """Array of positions in another array, as `np.arange` and `np.argsort` return."""

@@ -64,7 +64,8 @@ class BundleDbcError(BundleFileError):
 
 
 class BundleControllerError(BundleError):
-    """A `controller.onnx` that cannot be used: it has no control step or wrong inputs or outputs, or is too slow."""
+    """A `controller.onnx` that cannot be used: it does not contain a control step, its inputs or outputs are wrong, or
+    it is too slow."""
 
 
 class BundleSignatureError(BundleError):

@@ -18,7 +18,7 @@ class CostWeights(Settings, section="mpc.weights", source=paper("section 2.4.1")
     lift: NonNegative[float] = 0.01
     """Weight of the mean |C_l| over the horizon."""
     lift_mean: Annotated[NonNegative[float], paper("equation 14", "without this term")] = 0.0
-    """Weight of the squared mean of C_l over the horizon. The horizon is one shedding cycle, so this mean is the steady
+    """Weight of the squared mean of C_l over the horizon. The horizon is one shedding cycle, so this mean is a steady
     deflection of the wake. With the paper's terms alone, the optimiser accepts this deflection to reduce drag."""
     smoothness: NonNegative[float] = 8.0
     """Weight of the mean squared difference between consecutive actions of the plan."""

@@ -65,7 +65,7 @@ class ModelConfig(Settings, source=paper("table 1")):
 
 @dataclass(frozen=True, kw_only=True)
 class FinishConfig(Settings, section="train.finish", source=ours("the paper has no finish", page="how-to/train.md")):
-    """The finish, which is the last passes of the joint fit. The earlier passes predict 5 steps. The finish predicts
+    """The finish consists of the last passes of the joint fit. The earlier passes predict 5 steps. The finish predicts
     more steps, to reduce the error at the controller's horizon. Training that begins with so many steps fails: the
     model then predicts only the mean forces.
 

@@ -68,7 +68,7 @@ def as_toml(listed: Sequence[Section], *, base: str | None = None) -> str:
 
 
 def shown(value: object) -> str:
-    """Format a value for people, as the shortest text from which the same value can be read."""
+    """Format a value for display, as the shortest text that gives the same value when it is read."""
     if value is None or value == "":
         return "none"
     if isinstance(value, list | tuple):

@@ -58,8 +58,8 @@ class ForcingConfig(Settings, source=paper("section 2.1")):
     """Start frequency of the test episode's chirp, which ends at `forcing.chirp_end`."""
     chirp_end: Annotated[Positive[float], FREQUENCY] = 0.4
     extended_chirp_start: Annotated[Positive[float], FREQUENCY, paper("appendix A")] = 0.01
-    """Start frequency of the extended chirp, which has frequencies outside the training waveform (paper, appendix
-    A)."""
+    """Start frequency of the extended chirp, which goes beyond the frequencies of the training waveform (paper,
+    appendix A)."""
     extended_chirp_end: Annotated[Positive[float], FREQUENCY, paper("appendix A")] = 0.8
     exploration_time: Annotated[
         Positive[float], TIME, ours("a fifth of a shedding cycle", page="how-to/record-data.md")

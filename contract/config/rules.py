@@ -2,9 +2,9 @@
 
     horizon: Annotated[int, at_least(2), STEPS, paper("section 2.4")] = 25
 
-`Settings` checks the rules of its fields when it is created. To check a condition on two fields, a class defines
-`_check_together`, which calls `require`. A number without a unit is a ratio, or a count whose name states what is
-counted. No value is converted. A field without a source has the source of its section.
+`Settings` checks the rules of its fields when an instance is created. To check a condition on two fields, a class
+defines `_check_together`, which calls `require`. A number without a unit is a ratio, or a count whose name states what
+is counted. No value is converted. A field without a source has the source of its section.
 """
 
 from collections.abc import Callable, Mapping

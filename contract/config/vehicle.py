@@ -146,8 +146,8 @@ class SensorCheckConfig(
     Once the ECU no longer uses a sensor, the limit is twice this value. Healthy sensors reach 14 with forcing outside
     the range of the training data."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
-    """Count of doubtful periods at which the jets go to zero and the fault latches. A period without doubt subtracts
-    1."""
+    """Count of doubtful periods at which the jets go to zero and the fault latches. A period that is not doubtful
+    subtracts 1."""
     flat_periods: Annotated[AtLeastOne[int], PERIODS, ours("longer than healthy readings repeat", page=_LIES)] = 10
     """Number of consecutive periods with bit-identical readings after which a sensor counts as stuck."""
 

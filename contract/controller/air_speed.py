@@ -46,6 +46,6 @@ def features(window: Array) -> Array:
 
 
 def terms(means: Array, pairs: int) -> Array:
-    """Return the estimate's terms from the means (..., F) of the features: these means, the squared means of the sums,
-    and 1."""
+    """Return the terms of the estimate from the features' means (..., F): these means, the squared means of the pairs'
+    sums, and 1."""
     return np.concatenate([means, np.square(means[..., :pairs]), np.ones((*means.shape[:-1], 1))], axis=-1)

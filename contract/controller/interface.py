@@ -1,7 +1,7 @@
 """The control step of a released controller: its inputs, its outputs, and the classes that compute it.
 
 A controller's ONNX graph and C library have this interface. In the graph, inputs and outputs have the names below; in
-the library they are members of structures. L is the window, S the number of sensors and H the horizon:
+the library they are members of structures. L is the window's length, S the number of sensors and H the horizon:
 
 =========  ========  =====================================================================================
 input      shape     meaning
@@ -65,7 +65,8 @@ class Sizes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlStep:
-    """The result of a control step: the outputs in the module's table. The ECU commands the first free action."""
+    """The result of a control step: the outputs in the module's table. The ECU commands the plan's first action that
+    the input `free` marks."""
 
     plan: Array
     forces: Array

@@ -67,8 +67,8 @@ class Description:
         sensors: names of the sensors that the slim encoder reads, in the order of its inputs.
         dataset_sha256: SHA-256 of the recording to which the model was fitted.
         metrics: errors by name. "teacher", "slim" and, with narrower networks, "deployed" are each a
-            `train.distillation.evaluate.EncoderMetrics`. "slim_latent" is the L1/sigma of the slim encoder's latents
-            against the teacher's latents.
+            `train.distillation.evaluate.EncoderMetrics`. "slim_latent" is L1/sigma (mean absolute error / standard
+            deviation) of the slim encoder's latents against the teacher's latents.
         ranking: method and order of the sensors; for SHAP also mean and standard deviation of every sensor's score, and
             the stability of the best sets.
         versions: versions of the software; "torch_threads" is the number of threads during training.

@@ -154,7 +154,8 @@ def write(path: Path, dataset: Dataset) -> None:
 def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> Dataset:
     """Return an existing data set, or a data set without episodes if there is no file. `facts` is the provenance that
     old and new episodes must share, such as the flow's settings. Raises DatasetError if the file is not a data set, or
-    if its sensors or the facts of an episode differ from those given; the message states the first difference."""
+    if its sensors or the facts of an episode differ from `layout` and `facts`; the message states the first
+    difference."""
     if not path.exists():
         return Dataset(episodes=(), layout=layout)
     there = read(path)

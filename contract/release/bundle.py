@@ -103,8 +103,8 @@ def renew(
     The old bundle may be for another DBC, but must pass all other checks. The controller is copied unchanged, because
     its inputs and outputs are Cp and flow rates in U_inf W, and do not depend on frames, Pa or m/s. The control period
     in s and the budget follow from the operating point. The new provenance has the old manifest's hash. Raises
-    BundleError as `load` does, a bad name, or a target that is neither empty nor a bundle; StillwakeError if writing
-    fails.
+    BundleError as `load` does, and for a bad name or a target that is neither empty nor a bundle; StillwakeError if
+    writing fails.
 
     Args:
         created: day of the new bundle, YYYY-MM-DD.

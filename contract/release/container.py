@@ -61,7 +61,7 @@ def read_files(path: Path) -> dict[str, bytes]:
 
 
 def write_files(path: Path, contents: Mapping[str, bytes]) -> None:
-    """Write a directory, or replace an existing one. Raises StillwakeError if the directory cannot be written."""
+    """Write a directory, or replace an existing directory. Raises StillwakeError if the directory cannot be written."""
     with replacing(path) as temporary:
         temporary.mkdir()
         for name, data in contents.items():

@@ -29,7 +29,7 @@ _SCHEMA: Final = "stillwake-bundle/9"
 _SCHEMA_8: Final = "stillwake-bundle/8"
 """The schema of 1.0.0, which has no estimate of the air speed. This version reads both schemas."""
 FIRST_SECURITY_VERSION: Final = 1
-"""Security version of new releases until it is raised, and the smallest version that an ECU with a store accepts."""
+"""Security version of new releases until it is raised, and the smallest version that a flashable ECU accepts."""
 LARGEST_SECURITY_VERSION: Final = 2**32 - 1
 MANIFEST: Final = "manifest.json"
 MAX_STEPS: Final = 10_000

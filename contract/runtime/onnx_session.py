@@ -47,7 +47,7 @@ class BoundedGraph:
     optional: tuple[str, ...] = ()
 
     def session(self) -> Any:
-        """Open the session. Raises BundleControllerError if the graph does not load or has other shapes."""
+        """Open an ONNX Runtime session. Raises BundleControllerError if the graph does not load or has wrong shapes."""
         return self._opened(_options())
 
     def tried(self, limit_s: float) -> None:

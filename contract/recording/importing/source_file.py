@@ -227,7 +227,8 @@ def _in_this_file(
 def _ordered(
     path: Path, pressures: Array, layout: SensorLayout, table: Mapping[str, Stored | CsvColumn]
 ) -> tuple[Array, frozenset[str]]:
-    """Return the pressures, in the layout's order if the file has an array of the columns' names, and its name."""
+    """Return the pressures, and the name of an array in the file that lists the columns' sensors, if there is such an
+    array. With this array the pressures are in the layout's order; otherwise their order is unchanged."""
     for name, one in table.items():
         texts = one.texts
         if len(texts) == pressures.shape[1] and set(texts) >= set(layout.names):
