@@ -116,8 +116,8 @@ class Episode:
         return np.concatenate([[self.initial_action], self.series["action"][:-1]])
 
     def rows(self, columns: Index, sign: float = 1.0) -> Array:
-        """Return rows (Cp_k, a_{k-1}) of S sensors at the n samples, (n, S+1). `sign` multiplies the action (-1 for a
-        mirror image)."""
+        """Return rows (Cp_k, a_{k-1}) of S sensors at the n samples, (n, S+1). `sign` multiplies the action; it is -1
+        for a mirror image."""
         return np.column_stack([self.series["Cp"][:, columns], sign * self.previous_action])
 
     @property

@@ -22,8 +22,7 @@ CALIBRATION_WINDOWS: Final = 400
 
 LEAST_CALIBRATION: Final = 50
 """Smallest number of windows with which int8 rounding is calibrated: two shedding cycles of the truck. With fewer
-windows, the measured ranges of the activations may not cover the cycle. On the vehicle, a value outside its range
-saturates."""
+windows, the measured ranges of the activations may be too small, so that values on the vehicle saturate."""
 
 WINDOW_STEP: Final = 8
 """The window must be a multiple of this number of steps, so that the ECU in C can check the sensors."""

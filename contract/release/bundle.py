@@ -161,8 +161,7 @@ def verified(name: str, contents: Mapping[str, bytes], trusted: Collection[Publi
 
 
 def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
-    """Make the checks of `load` in the same order, and return their results. Checks that depend on a failed check are
-    left out."""
+    """Make the checks of `load` in order and return the results. Checks that depend on a failed check are left out."""
     try:
         contents = read_files(path)
     except BundleError as error:

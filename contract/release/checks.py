@@ -113,8 +113,8 @@ class Made:
             return None
 
     def need(self, name: str, make: Callable[[], _T], in_words: Callable[[_T], str] | None) -> _T:
-        """Compute a value that later checks need. An error always ends the reading. A success is listed only if
-        `in_words` is given."""
+        """Compute a value that later checks need. An error ends the reading. A success is listed only if `in_words` is
+        given."""
         try:
             value = make()
         except BundleError as error:
