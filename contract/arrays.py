@@ -9,7 +9,7 @@ Array: TypeAlias = npt.NDArray[np.float64]
 """Array of numbers in double precision."""
 
 Precision: TypeAlias = npt.DTypeLike
-"""Type of the numbers in a computation: np.float64, or np.float32 for a flow in training."""
+"""Type of the numbers in a computation: np.float64, or np.float32 for flows simulated to train a controller."""
 
 Index: TypeAlias = npt.NDArray[np.intp]
 """Array of positions in another array, as `np.arange` and `np.argsort` return."""
@@ -19,7 +19,7 @@ Mask: TypeAlias = npt.NDArray[np.bool_]
 
 MOST_VALUES: Final = 2**27
 """Largest number of values in a file of unknown origin: 1 GiB in double precision. This is enough for 90 sensors over
-eight hours. A file with more values is refused before it is read."""
+eight hours with 50 rows per second. A file with more values is refused before it is read."""
 
 
 def runs(mask: Mask) -> list[tuple[int, int]]:

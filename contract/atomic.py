@@ -18,24 +18,24 @@ _LEFT: Final = re.compile(r"\..+\.(lock|\d+\.(part|old))", re.DOTALL)
 
 
 def leads_to(path: Path) -> Path:
-    """Follow all links in a path, and return the path of their target. A file written to this path replaces no link.
-    Raises StillwakeError for a cyclic link, or a link into a missing folder."""
+    """Follow all links in a path, and return the path to which they lead. Writing a file to the returned path does not
+    replace a link. Raises StillwakeError for a cyclic link, or a link into a missing folder."""
     place = Path(os.path.realpath(path))
     if place.is_symlink():
         raise StillwakeError(f"cannot write {path}: {os.strerror(errno.ELOOP)}")
     for link in (path, *path.parents):
-        # A link in the path may point to a disk that is not mounted. Only the last name of the path may be a link to a
-        # missing file. If the file's folder exists, the file is created there.
+        # A link to a missing folder is an error: it may lead to a disk that is not mounted. Only the last name of the
+        # path may be a link to a missing file, which is then created if its folder exists.
         if link.is_symlink() and not link.exists() and (link != path or not place.parent.is_dir()):
             raise StillwakeError(f"cannot write {path}: {link} is a link to {link.readlink()}, which is not there")
     return place
 
 
 def check_writable(path: Path, *, folder: bool = False) -> None:
-    """Check before a computation that its result, a file or with `folder` a folder, can be written to `path`. A test
-    file is created in the nearest existing folder and removed. Raises StillwakeError if `path` is a folder but the
-    result is a file, or the reverse; if `path` ends in `..`; if this process prints to `path`; if the file has another
-    hard link, which would keep the old content; or if `path` is not writable."""
+    """Check before a computation that its result can be written to `path`; `folder` states that the result is a folder.
+    A test file is created in the nearest existing folder and removed. Raises StillwakeError if `path` is a folder but
+    the result is a file, or the reverse; if `path` ends in `..` or is a device; if this process prints to `path`; if
+    the file has another hard link, which would keep the old content; or if `path` is not writable."""
     if not folder and path.is_dir():
         raise StillwakeError(f"cannot write {path}: it is a directory, must be a file")
     if folder and path.is_file():
@@ -56,7 +56,7 @@ def check_writable(path: Path, *, folder: bool = False) -> None:
 
 def _check_file(path: Path, there: os.stat_result) -> None:
     if not stat.S_ISREG(there.st_mode):
-        # Writing would replace the device by a file; the device would receive no data.
+        # Writing would replace a device, such as /dev/null, by a file.
         raise StillwakeError(f"cannot write {path}: it is neither a file nor a directory")
     if there.st_nlink > 1:
         raise StillwakeError(
@@ -74,10 +74,10 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
     """Yield a temporary path in the target's folder. The `with` block writes a file or a directory there. If the block
     succeeds, this file or directory replaces the target; otherwise the file or directory is removed.
 
-    The target is the path at the end of all links in `path`; the links remain. The new content gets the mode of the old
-    content. An old directory remains until the new directory has replaced it. With `keep`, no directory is replaced:
-    the new files are moved into the old directory, whose other files remain. Missing parent folders are created, and
-    removed again if the block fails. Raises StillwakeError if the target cannot be written.
+    The target is the path to which all links in `path` lead; the links remain. The new content gets the permissions of
+    the old content. An old directory remains until the new directory has replaced it. With `keep`, no directory is
+    replaced: the new files are moved into the old directory, whose other files remain. Missing parent folders are
+    created, and removed again if the block fails. Raises StillwakeError if the target cannot be written.
     """
     place = leads_to(path)
     temporary, aside = _temporary(place, "part"), _temporary(place, "old")
@@ -104,7 +104,7 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
     except OSError as error:
         raise StillwakeError(f"cannot write {path}: {error.strerror or error}") from error
     except StillwakeError as error:
-        # The error message must state the final path and not the temporary path. Some errors have further arguments.
+        # The error message must state the final path and not the temporary path.
         error.args = (str(error).replace(str(temporary), str(path)),)
         raise
     finally:
@@ -137,8 +137,8 @@ def _take_after(new: Path, old: Path) -> None:
 
 
 def names_in(folder: Path) -> set[str]:
-    """Return the names in a folder, without the hidden files that a killed process leaves: `.NAME.lock` of an output,
-    `.NAME.PID.part` and `.NAME.PID.old` of this module."""
+    """Return the names in a folder, without the hidden files that a killed process leaves: the lock file `.NAME.lock`
+    of an output, and `.NAME.PID.part` and `.NAME.PID.old` of this module."""
     return {item.name for item in folder.iterdir() if not _LEFT.fullmatch(item.name)}
 
 

@@ -10,7 +10,7 @@ from contract.arrays import Array
 class Seen:
     """The values of a sample that training reads, made dimensionless with the present speed.
 
-    The argument of `back` has, in place of each value, the derivative of a scalar with respect to this value.
+    The argument of `back` has the same form, but has the derivative of a scalar with respect to each of these values.
 
     Attributes:
         Cp: pressure coefficients of p mirrored pairs of sensors, (2 p,). The two sensors of a pair are adjacent.

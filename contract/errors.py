@@ -64,7 +64,8 @@ class BundleDbcError(BundleFileError):
 
 
 class BundleControllerError(BundleError):
-    """A `controller.onnx` that cannot be used: it is no control step, has other inputs or outputs, or is too slow."""
+    """A `controller.onnx` that cannot be used: it does not contain a control step, its inputs or outputs are wrong, or
+    it is too slow."""
 
 
 class BundleSignatureError(BundleError):
@@ -76,7 +77,7 @@ class BundleSignerError(BundleError):
 
 
 class KeyFileError(StillwakeError):
-    """A key file that is missing, has another kind of key, or already exists where a new key would be written."""
+    """A key file that is missing, has the wrong kind of key, or already exists where a new key would be written."""
 
 
 class BusError(StillwakeError):
@@ -92,7 +93,7 @@ class PlantError(StillwakeError):
 
 
 class ExportError(StillwakeError):
-    """A model that cannot be lowered to a controller program."""
+    """A model that cannot be translated to a controller program, ONNX or C."""
 
 
 class LibraryError(StillwakeError):

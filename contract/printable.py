@@ -23,7 +23,7 @@ def shown(value: object, most: int = MAX_SHOWN) -> str:
 
 def quoted(value: object, most: int = MAX_SHOWN) -> str:
     """Format a value as Python's `repr` does, for a one-line message. Very large integers are described in words,
-    because Python refuses to format 5,000 digits."""
+    because Python refuses to format an integer of 5,000 digits."""
     if isinstance(value, int) and abs(value) >= LARGEST:
         return "a number of more than 18 digits"
     return shown(repr(value), most)

@@ -76,7 +76,7 @@ def spread(
     running: dict[Future, J] = {}
     with dask_client(min(workers, len(jobs)), scheduler) as client:
         while waiting or running:
-            # A job's arguments may have megabytes, so a job is sent only when a slot is free.
+            # A job's arguments may take megabytes, so a job is sent only when a slot is free.
             threads: Mapping[str, int] = client.nthreads()
             looked(threads)
             while waiting and len(running) < max(1, slots(threads)):

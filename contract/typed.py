@@ -122,8 +122,8 @@ def _part_of(hint: Any) -> Any:
 
 
 def differences(there: Any, here: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """List the differences between two trees as (dotted name, value in `there`, value in `here`). None stands for a
-    missing value."""
+    """List the differences between two trees as (dotted name, value in `there`, value in `here`). A missing value is
+    None."""
     if isinstance(there, Mapping) and isinstance(here, Mapping):
         for key in sorted(there.keys() | here.keys()):
             yield from differences(there.get(key), here.get(key), f"{name}.{key}".lstrip("."))

@@ -11,8 +11,8 @@ from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 from contract.sensor_layout import SensorLayout
 
 _LENGTH: Final = Rule(
-    wording="in 0.5..15: a shorter body is too short for the grid between nose and base, a longer body leaves too "
-    "little wake in the domain",
+    wording="in 0.5..15: a shorter body has no space for the grid between nose and base, and behind a longer body the "
+    "domain is too short for the wake",
     holds=lambda value: 0.5 <= value <= 15.0,
 )
 _RADIUS: Final = Rule(
@@ -25,8 +25,8 @@ _RADIUS: Final = Rule(
 class BodyConfig(Settings, source=paper("section 2.1")):
     """The body: a box of width 1 with its front at x = 0, two jets at the edges of its base, and pressure sensors.
 
-    The defaults describe the truck. Any other body works only in the project's own solver, and needs a developed wake
-    from `stillwake develop`.
+    The defaults describe the truck. Other bodies work only in the project's own solver, and need a developed wake from
+    `stillwake develop`.
     """
 
     length: Annotated[float, _LENGTH, WIDTHS] = LENGTH

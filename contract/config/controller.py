@@ -18,7 +18,7 @@ class CostWeights(Settings, section="mpc.weights", source=paper("section 2.4.1")
     lift: NonNegative[float] = 0.01
     """Weight of the mean |C_l| over the horizon."""
     lift_mean: Annotated[NonNegative[float], paper("equation 14", "without this term")] = 0.0
-    """Weight of the squared mean of C_l over the horizon. The horizon is one shedding cycle, so this mean is the steady
+    """Weight of the squared mean of C_l over the horizon. The horizon is one shedding cycle, so this mean is a steady
     deflection of the wake. With the paper's terms alone, the optimiser accepts this deflection to reduce drag."""
     smoothness: NonNegative[float] = 8.0
     """Weight of the mean squared difference between consecutive actions of the plan."""
@@ -50,7 +50,7 @@ class MpcConfig(Settings, source=paper("section 2.4.2")):
     """Number of Adam iterations in each control step."""
     learning_rate: Positive[float] = 1e-3
     """Learning rate of the Adam iterations."""
-    epsilon: Annotated[Positive[float], ours("from Kingma and Ba; the paper gives none")] = 1e-8
+    epsilon: Annotated[Positive[float], ours("from Kingma and Ba; the paper gives no value")] = 1e-8
     """Constant that Adam adds to the root of the gradient's second moment. With a constant far below the gradient's
     magnitude, the first step equals the learning rate. With a constant far above this magnitude, the first step is the
     gradient times learning rate / `mpc.epsilon`."""

@@ -31,7 +31,7 @@ class CanId(NamedTuple):
 
 def parse_id(value: int | str) -> CanId | None:
     """Parse the identifier in a setting. Up to three hex digits give 11 bits, and eight hex digits give 29 bits. An int
-    is written with three digits or, if it is too large, with eight. Return None if the value is no identifier."""
+    below 0x1000 counts as three digits, a larger int as eight digits. Return None if the value is no identifier."""
     if isinstance(value, int):
         value = f"0x{value:03X}" if value < 1 << 4 * _SHORT else f"0x{value:08X}"
     found = _TEXT.fullmatch(value)
@@ -47,7 +47,7 @@ _ID_OR_NONE: Final = Rule(wording=f"empty, {_NOTATION}", holds=lambda value: val
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnosisConfig(
-    Settings, section="bus.diagnosis", source=standard("ISO 15765-4", "the first ECU of legislated diagnosis")
+    Settings, section="bus.diagnosis", source=standard("ISO 15765-4", "the first ECU of emissions diagnosis")
 ):
     """The CAN identifiers with which a tester and a calibration tool reach the ECU. An identifier with three digits,
     such as `0x7E0`, has 11 bits; an identifier with eight digits, such as `0x18DA10F1`, has 29 bits. The ECU and the

@@ -21,7 +21,7 @@ from contract.config.rules import (
 )
 
 SelectionMethod = Literal["shap", "qr", "greedy", "random", "hand"]
-"""The methods that choose the slim encoder's sensors (`train.selection`)."""
+"""The methods that choose the sensors of the slim encoder, which reads only a few sensors (`train.selection`)."""
 
 _ENCODER_ALONE: Final = ours("the paper distils the encoder alone", page="explanation/studies.md#smaller-networks")
 _SLIMMED: Final = paper("section 2.3.2", "the paper reduces only the encoder")
@@ -65,9 +65,9 @@ class ModelConfig(Settings, source=paper("table 1")):
 
 @dataclass(frozen=True, kw_only=True)
 class FinishConfig(Settings, section="train.finish", source=ours("the paper has no finish", page="how-to/train.md")):
-    """The finish: the last passes of the joint fit. The earlier passes predict 5 steps. The finish predicts more steps,
-    to reduce the error at the controller's horizon. Training that begins with so many steps fails: the model then
-    predicts only the mean forces.
+    """The finish consists of the last passes of the joint fit. The earlier passes predict 5 steps. The finish predicts
+    more steps, to reduce the error at the controller's horizon. Training that begins with so many steps fails: the
+    model then predicts only the mean forces.
 
     In the finish, each of these fields replaces the field of `train` with the same name.
     """
@@ -89,8 +89,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     force_weight: NonNegative[float] = 0.25
     """Weight of a loss term: the error of the forces decoded from predicted latents."""
     decode_weight: Annotated[NonNegative[float], paper("equation 5", "without this term")] = 0.0
-    """Weight of a loss term: the error of the forces decoded from encoded latents. The paper decodes predicted latents
-    only."""
+    """Weight of a loss term: the error of the forces decoded from encoded latents. The paper has no such term."""
     variance_weight: NonNegative[float] = 0.02
     """Weight of a loss term: the amount by which a latent's standard deviation over the batch is below 1."""
     covariance_weight: NonNegative[float] = 0.02
@@ -117,7 +116,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     stream_epochs: Annotated[NonNegative[float], PASSES, paper("section 2.3.2", "the encoder reads windows")] = 0.0
     """Number of distillation passes that read the recording as a stream. These passes come before the passes that read
     windows, and take far less time. The passes that read windows reduce the error only a little further."""
-    distil_epochs: Annotated[Positive[float], PASSES, ours("as in the joint fit; the paper gives none")] = 300.0
+    distil_epochs: Annotated[Positive[float], PASSES, ours("as in the joint fit; the paper gives no number")] = 300.0
     """Number of distillation passes that read windows, for the slim encoder."""
     predictor_epochs: Annotated[Positive[float], PASSES, _ENCODER_ALONE] = 10.0
     """Number of passes over the roll-outs from which the slim dynamics and decoder are distilled."""
@@ -185,17 +184,14 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     """Whether each flow has random weights of lift and effort and a random limit of the jets. Each of these three
     values equals the configured value with probability one half."""
     motion_price: NonNegative[float] = 0.2
-    """Weight of the squared transverse velocity at the wake probe. This velocity indicates the drag after the
-    stretch."""
+    """Weight of the squared transverse velocity at the wake probe, which indicates the drag after the stretch."""
     sensor_noise: NonNegative[float] = 0.3
     """Largest standard deviation of a sensor's noise, in standard deviations of this sensor's recorded pressure; most
     stretches have far less noise."""
     offset: NonNegative[float] = 0.0
-    """Standard deviation of a random offset in Cp, constant in a stretch and equal for both sensors of a mirrored
-    pair."""
-    speed_error: Annotated[float, within(0.0, 0.5, "a speed")] = 0.0
-    """Largest relative error of the speed that the prior reads; constant in a stretch, and 0 in half of the
-    stretches."""
+    """Standard deviation of a random offset in Cp, constant in a stretch and equal for both sensors of a pair."""
+    speed_error: Annotated[float, within(0.0, 0.5, "a larger error is unrealistic")] = 0.0
+    """Largest relative error of the speed that the prior reads; constant in a stretch, 0 in half of the stretches."""
     loss: Fraction[float] = 0.0
     """Largest share of a stretch's periods whose pressures are lost; in half of the stretches no pressures are lost."""
     refinement: Positive[float] = 0.75

@@ -58,7 +58,7 @@ def sections(config: Config) -> tuple[Section, ...]:
 def as_toml(listed: Sequence[Section], *, base: str | None = None) -> str:
     """Return the text of a TOML file from which `contract.config.loading.load` reads the listed settings unchanged.
     `base` is "paper" or "release", the settings that the file modifies; with None the file does not state them. TOML
-    cannot express "none": a setting that is None is left out and gets the paper's value when the file is read."""
+    cannot express "none": a setting that is None is left out and gets the base's value when the file is read."""
     parts = [] if base is None else [f"base = {_toml(base)}\n"]
     for section in listed:
         if held := [one for one in section.settings if one.value is not None]:
@@ -68,7 +68,7 @@ def as_toml(listed: Sequence[Section], *, base: str | None = None) -> str:
 
 
 def shown(value: object) -> str:
-    """Format a value for people, as the shortest text from which the same value can be read."""
+    """Format a value for display, as the shortest text that gives the same value when it is read."""
     if value is None or value == "":
         return "none"
     if isinstance(value, list | tuple):

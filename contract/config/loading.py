@@ -16,8 +16,8 @@ from contract.typed import LONGEST_SHOWN, read_toml, typed
 
 
 def check_names(tree: Mapping[str, Any], above: str = "") -> None:
-    """Check that every name in a tree is in `Config`, and that no section is used as a value or the reverse. Raises
-    ConfigError with the wrong name and the most similar correct names."""
+    """Check that every name in a tree is in `Config`, and that no section is used as a value, and no value as a
+    section. Raises ConfigError with the wrong name and the most similar correct names."""
     for key, value in tree.items():
         name = f"{above}.{key}" if above else key
         if name not in _hints():
@@ -70,7 +70,7 @@ PAPER = "paper"
 BASE_KEY = "base"
 """The key in a TOML file that states which settings the file modifies: the paper's or the release's settings."""
 RETIRED: Final = {"refine.iterations": False}
-"""Settings that no longer exist. A file of an earlier version may contain such a setting with this value."""
+"""Settings that no longer exist, each with the only value that is still accepted in a file of an earlier version."""
 
 
 @dataclass(frozen=True, kw_only=True)

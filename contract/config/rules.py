@@ -2,9 +2,9 @@
 
     horizon: Annotated[int, at_least(2), STEPS, paper("section 2.4")] = 25
 
-`Settings` checks the rules of its fields when it is created. To check a condition on two fields, a class defines
-`_check_together`, which calls `require`. A number without a unit is a ratio, or a count whose name states what is
-counted. No value is converted. A field without a source has the source of its section.
+`Settings` checks the rules of its fields when an instance is created. To check a condition on two fields, a class
+defines `_check_together`, which calls `require`. A number without a unit is a ratio, or a count whose name states what
+is counted. No value is converted. A field without a source has the source of its section.
 """
 
 from collections.abc import Callable, Mapping
@@ -38,7 +38,7 @@ class Source:
 
 
 def paper(place: str, note: str = "") -> Source:
-    """Mark a default as the number at a place in the paper, such as "section 2.1". If the number is not at this place,
+    """Mark a default as the number at a place in the paper, such as "section 2.1". If the number is not stated there,
     `note` says how it follows. Equations have the manuscript's numbers, which do not restart with each section."""
     return Source("paper", place=place, note=note)
 
@@ -83,8 +83,8 @@ T = TypeVar("T", int, float)
 
 TINY: Final = 1e-45
 HUGE: Final = 1e12
-"""Largest magnitude of a nonzero real setting; `TINY` is the smallest. The bounds also apply to calibrated weights,
-which are float32."""
+"""Largest magnitude of a nonzero real setting; `TINY` is the smallest. The bounds also apply to calibrated weights
+(float32)."""
 MOST: Final = 2**31 - 1
 """Largest magnitude of an integer setting, so that a number of periods in ns does not overflow 64 bits."""
 

@@ -127,8 +127,8 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
 class SensorCheckConfig(
     Settings, section="ecu.sensor_check", source=ours("above the figures of healthy sensors", page=_LIES)
 ):
-    """The thresholds above which the ECU no longer uses a pressure sensor. Levels are ratios of variances. The values
-    of healthy sensors are from the whole shipped recording (docs/explanation/what-shuts-the-jets.md)."""
+    """The thresholds of the ECU's check of its pressure sensors. Levels are ratios of variances. The values of healthy
+    sensors are from the whole shipped recording (docs/explanation/what-shuts-the-jets.md)."""
 
     enabled: Annotated[bool, ours("a sensor that reads wrongly costs most of the drag reduction", page=_LIES)] = True
     """Whether the ECU checks the pressures with the bundle's estimator, and continues without a faulty sensor."""
@@ -137,7 +137,7 @@ class SensorCheckConfig(
     other sensors' estimate, divided by the mean squared disagreement of the other sensors. Healthy sensors reach 13."""
     bias_level: Positive[float] = 20.0
     """Limit like `liar_level`, but for deviations averaged over two shedding cycles. These averages show small biases
-    and drifts. Healthy sensors reach 14; in one episode, 22."""
+    and drifts. Healthy sensors reach 14, except in one episode, where they reach 22."""
     swap_level: Positive[float] = 2.5
     """Ratio at which two sensors are treated as exchanged: the disagreement among the received pressures, divided by
     the disagreement after the two readings are exchanged. Healthy sensors reach 0.9."""
@@ -146,8 +146,8 @@ class SensorCheckConfig(
     Once the ECU no longer uses a sensor, the limit is twice this value. Healthy sensors reach 14 with forcing outside
     the range of the training data."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
-    """Count of doubtful periods at which the jets go to zero and the fault latches. Any other period subtracts 1 from
-    the count."""
+    """Count of doubtful periods at which the jets go to zero and the fault latches. A period that is not doubtful
+    subtracts 1."""
     flat_periods: Annotated[AtLeastOne[int], PERIODS, ours("longer than healthy readings repeat", page=_LIES)] = 10
     """Number of consecutive periods with bit-identical readings after which a sensor counts as stuck."""
 
@@ -202,7 +202,7 @@ class SpeedConfig(
 class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     """The timing and the fail-safe behaviour of the ECU."""
 
-    compute_time_ms: Annotated[NonNegative[float], MILLISECONDS, ours("a stated share of the 20 ms of a period")] = 8.0
+    compute_time_ms: Annotated[NonNegative[float], MILLISECONDS, ours("an assumed share of the period of 20 ms")] = 8.0
     """Time that the virtual ECU takes for a control step, from the step's start to the command. This time is an assumed
     share of the budget, not a measurement; reports also show the measured latency."""
     hold_periods: Annotated[NonNegative[int], PERIODS] = 1
@@ -211,8 +211,8 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     """Number of further periods without usable pressures, each of which halves the command. After them the command is
     zero and the fault latches."""
     rearm_frames: Annotated[AtLeastOne[int], FRAMES, ours("a tenth of a second", page=_GATE)] = 5
-    """Number of consecutive good frames that the ECU needs before a rising edge of the vehicle's request can clear a
-    latched fault."""
+    """Number of consecutive good frames that the ECU needs before a rising edge of the request can clear a latched
+    fault."""
     pressure_age: Annotated[Positive[float], PERIODS] = 1.5
     """Largest age at which pressures may be used for planning, counted from sampling to control step. The default
     allows one period of waiting for the step, and half a period of transmission. A delay of 20 or 40 ms doubles the
@@ -223,8 +223,8 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     """The jets go to zero and the fault latches if this number of the latest `ecu.loss_window` periods had no usable
     pressures. A controller that gets at most every second sample does not control the flow."""
     deadline_misses: Annotated[AtLeastOne[int], STEPS] = 3
-    """The ECU switches itself off if this number of the latest `ecu.deadline_window` steps were mistimed: in sum half
-    a period late or early. A number above `ecu.deadline_window` disables the check."""
+    """The ECU switches itself off if this number of the latest `ecu.deadline_window` steps were mistimed: the
+    accumulated lateness or earliness reached half a period. A number above `ecu.deadline_window` disables the check."""
     deadline_window: Annotated[AtLeastOne[int], STEPS] = 10
     """Number of latest steps among which `ecu.deadline_misses` counts mistimed steps."""
     plan_ahead: Annotated[bool, ours("drag falls more", page="reference/results.md#what-limits-the-reduction")] = True
@@ -264,8 +264,7 @@ class VehicleConfig(Settings, source=ours("the same as in the ECU", page=_GATE))
     """Largest change of the action per period that the jets' driver permits, except for shutting the jets. The default
     equals the default of `ecu.command_step`; the vehicle enforces its limit independently."""
     loss_window: Annotated[AtLeastOne[int], PERIODS] = 50
-    """Number of latest periods under control among which `vehicle.loss_limit` counts losses; the default is one
-    second."""
+    """Number of latest periods under control among which `vehicle.loss_limit` counts losses; the default is 1 s."""
     loss_limit: Annotated[int, PERIODS] = 25
     """The vehicle shuts its jets and withdraws its enable request if this number of the latest `vehicle.loss_window`
     periods had no usable command. Requests resume only after a period in which the vehicle wants no control. The limit

@@ -18,7 +18,7 @@ such a product; it would raise the mean of a square."""
 MEAN_PERIODS: Final = 50
 """Number of periods of the running means of the features: two shedding cycles."""
 FIRST_PERIOD: Final = 100
-"""Number of periods under control before the first estimate, so that the wake resembles the wakes of the fit."""
+"""Number of controlled periods before the first estimate, so that the wake resembles the wakes of the fitted runs."""
 
 
 def feature_count(pairs: int) -> int:
@@ -33,7 +33,7 @@ def weight_count(pairs: int) -> int:
 
 def features(window: Array) -> Array:
     """Compute the features (..., F) of the newest row, which is the last row of a window (..., L, 2 p + 1). A row has
-    the Cp of p pairs of mirrored sensors, one pair after the other, and the action in units of the speed in use.
+    the Cp of p pairs of mirrored sensors, pair by pair, and the action, all scaled with the speed in use.
 
     The signals of a row are the pairs' differences and the action. The features are the pairs' sums in the newest row,
     and for each lag in `LAGS` all products of a signal of the newest row and a signal of the row `lag` rows earlier.

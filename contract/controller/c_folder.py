@@ -1,4 +1,4 @@
-"""The file names and formats in a C library's folder. The library has a control step in C99, and the ECU that runs it.
+"""The file names and formats in a C library's folder. The library has a control step in C99 and usually the whole ECU.
 
 `export` writes the folder; the ECU and the emulated microcontroller read it. The folder's `stillwake.h` describes the
 calls. The folder has sources that are equal for all programs, the generated `sw_settings.h` and `sw_weights.c`, and
@@ -185,14 +185,14 @@ def rows_from_text(text: str) -> ProgramRows:
 
 
 def check_replaceable(folder: Path) -> None:
-    """Raise LibraryError if writing a library would replace a folder with other contents."""
+    """Raise LibraryError if the folder is neither empty nor a library; writing a library would delete its files."""
     if folder.is_dir() and any(folder.iterdir()) and not (folder / PROGRAM_SETTINGS).is_file():
         raise LibraryError(f"{folder}: that directory holds other files; name another directory")
 
 
 def write_folder(folder: Path, contents: Mapping[str, bytes]) -> None:
     """Write a library's folder, completely or not at all. A file's name may include one subfolder. Raises LibraryError
-    if the folder has other contents; StillwakeError if the folder cannot be written."""
+    if the folder is neither empty nor a library; StillwakeError if the folder cannot be written."""
     check_replaceable(folder)
     with replacing(folder) as temporary:
         temporary.mkdir()
@@ -211,7 +211,7 @@ class Numbers:
 
     Attributes:
         struct: name of the struct's type in C.
-        members: values by the members' names, in the order of the struct and with the types in C.
+        members: values by the members' names, in the struct's order; their types are the types in C.
         alignment: alignment of every member in bytes; None uses the alignment of each member's type.
     """
 

@@ -41,7 +41,7 @@ def _kept(name: str, value: float) -> float:
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
     """A set of calibration values. All except `delay_steps` are rounded to float32, the type on the bus and in the
-    controller, so reading returns the written value. Raises ConfigError if a value does not fit into its 4 bytes.
+    controller, so values read back as they were written. Raises ConfigError if a value does not fit into its 4 bytes.
 
     Attributes:
         action_limit: largest |a| that the ECU's command gate permits, in U_inf W.
@@ -69,7 +69,7 @@ class Calibration:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> "Calibration":
-        """Build a calibration from `values`. Raises ConfigError for a value that does not fit into its 4 bytes."""
+        """Return a calibration with these `values`. Raises ConfigError for a value that does not fit into 4 bytes."""
         # `_kept` refuses a weight that is not finite, and states its name, before `CostWeights` is built.
         *weights, action_limit, command_step = map(_kept, CALIBRATION_NAMES, values[:-1])
         return cls(

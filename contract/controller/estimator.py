@@ -30,8 +30,8 @@ ESTIMATOR: Final = "sensors.onnx"
 ESTIMATOR_INPUT: Final = "window"
 ESTIMATOR_OUTPUT: Final = "estimates"
 REACH: Final = 16.0
-"""Limit to which standardised readings are clipped. Healthy sensors stay within 11 in the shipped recording. The
-estimate of a faulty sensor needs no larger value. The estimator in integer arithmetic has the same limit."""
+"""Limit to which standardised readings are clipped. Healthy sensors stay within 11 in the shipped recording, so
+clipping usually changes only readings of faulty sensors. The estimator in integer arithmetic has the same limit."""
 
 
 class WindowView(NamedTuple):
@@ -39,7 +39,7 @@ class WindowView(NamedTuple):
 
     Attributes:
         left_out: sensors whose columns are not used.
-        exchanged: pair of sensors whose readings are exchanged before columns are left out; empty for none.
+        exchanged: pair of sensors whose readings are exchanged before columns are left out; may be empty.
     """
 
     left_out: tuple[int, ...]
@@ -126,7 +126,7 @@ class EstimatorNetwork:
         return len(self.mean) - 1
 
     def estimates(self, window: Array) -> Array:
-        """Return the graph's estimates: (V, S) for one window (L, S+1), or (n, V, S) for n windows."""
+        """Compute the estimates that the graph returns: (V, S) for one window (L, S+1), or (n, V, S) for n windows."""
         sensors, rows = self.sensors, []
         for view in views(sensors):
             seen = np.ones(sensors + 1)

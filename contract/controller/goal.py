@@ -1,8 +1,8 @@
 """The goal of the control as the prior reads it: the weights of effort and lift relative to drag, and the jets' limit.
 
-The prior of the plan is trained for a range of goals (`train.refinement`). In every control step the prior reads the
-position of the present goal in that range. A goal outside the range is read as the nearest end of the range. The MPC
-iterations optimise only the terms of the cost for which the prior was not trained (`unknown_to_prior`).
+The prior, a network that computes the MPC's initial plan, is trained for a range of goals (`train.refinement`). In
+every control step it reads the present goal's position in that range; outside the range it reads the nearest end. The
+MPC iterations optimise only the terms of the cost for which the prior was not trained (`unknown_to_prior`).
 """
 
 from dataclasses import replace
@@ -24,9 +24,9 @@ NARROWEST: Final = 0.5
 SPEED_SCALE: Final = 0.4
 """Difference from the design speed that the prior reads as 1, as a share of the design speed."""
 SCHEDULED: Final = ("one", "slower", "faster", "effort", "lift", "limit")
-"""Names of the scheduling inputs of a prior's units: the constant 1, the scaled speed below and above the design speed,
-and the parts of the goal. A prior's tensors have this order. A unit's other inputs are filtered sums of the pressures
-of mirrored sensors."""
+"""Names of the variables that schedule a prior's units: the constant 1, the scaled speed below and above the design
+speed, and the parts of the goal. A prior's tensors have this order. The weights of a unit depend on these variables;
+its gate also reads filtered sums of the pressures of mirrored sensors."""
 SPEED_PLACES: Final = (SCHEDULED.index("slower"), SCHEDULED.index("faster"))
 """Indices of the two speed variables in `SCHEDULED`. With a single variable for all speeds, more training at high
 speeds made a prior worse at low speeds."""
@@ -47,7 +47,7 @@ class Goal(NamedTuple):
 
     @classmethod
     def of(cls, weights: CostWeights, share_of_limit: float = 1.0) -> "Goal":
-        """Compute the goal from cost weights and from the jets' limit, a share of the release's limit."""
+        """Compute the goal from the cost weights and the jets' limit. The limit is a share of the release's limit."""
         return cls(
             effort=_root(weights.effort, weights.drag_mean * DEAREST_EFFORT),
             lift=_root(weights.lift, weights.drag_mean * DEAREST_LIFT),
@@ -68,7 +68,7 @@ OWN: Final = Goal()
 
 
 def schedule(speed: float, goal: Goal) -> tuple[float, ...]:
-    """Return the values of `SCHEDULED` for a goal at a speed in units of the design speed."""
+    """Return the values of the variables in `SCHEDULED`. `speed` is a ratio to the design speed."""
     scaled = (speed - 1.0) / SPEED_SCALE
     return (1.0, min(scaled, 0.0), max(scaled, 0.0), *goal)
 
@@ -84,11 +84,11 @@ def unknown_to_prior(weights: CostWeights, *, knows_goal: bool = True) -> CostWe
     """Return the weights for MPC iterations that start from a prior's plan. The weight is zero for each term for which
     the prior was trained.
 
-    The plan of a prior that was trained with gradients through the flow is stationary for the goals in its range. So a
-    gradient that the model computes for such a goal is noise and model error. Iterations do not help for a goal outside
-    the range either. With four times the largest weight of lift, they increased the cost by 12 % (4 to 21 % in three
-    pairs of runs); with four times the largest weight of effort, they did not lower the cost. A prior trained for drag
-    alone has no input for other goals, so the iterations keep the weights of effort and lift.
+    A prior is trained with gradients through the flow, so the true gradient of the cost at its plan is zero for goals
+    in its range. The gradient that the model computes there consists of noise and model error. Iterations do not help
+    for a goal outside the range either. With four times the largest weight of lift, they increased the cost by 12 % (4
+    to 21 % in three pairs of runs); with four times the largest weight of effort, they did not lower the cost. A prior
+    trained for drag alone has no input for other goals, so the iterations keep the weights of effort and lift.
     """
     known = replace(weights, drag_mean=0.0)
     return replace(known, effort=0.0, lift=0.0) if knows_goal else known

@@ -5,11 +5,11 @@ setting and every struct on which the positions or the meaning of the parameters
 the layout, in the image's header and in a build's `sw_layout.h`. A build refuses parameters of another layout. Apart
 from the layout, the library's headers state only one fact about a release: the identity of the compiled-in release.
 
-An ECU must not use an invalid number as an index or a bound. The rules for valid numbers are stated in this module
-only. A build's `sw_layout.h` has a table of these rules, with which `sw_image_open` checks an image in C;
+An ECU must not use an invalid number as an index or a bound. The bounds of single numbers are stated in this module
+only. A build's `sw_layout.h` has a table of these bounds, with which `sw_image_open` checks an image in C;
 `check_numbers` checks an image in Python. Floating-point numbers must be finite. Divisors and widths must be positive.
-Integers must be so small that no sum of the int8 library overflows. Rules that do not fit into the table are in C and
-in `_together`.
+Integers must be so small that no sum of the int8 library overflows. Rules for several numbers together are stated
+twice, in C and in `_together`.
 """
 
 import hashlib
@@ -27,11 +27,11 @@ from contract.errors import BundleContainerError
 LEAST_FIGURE: Final = 1e-9
 MOST_FIGURE: Final = 1e3
 """Largest permitted magnitude, in Cp, of the figures that describe the residuals of healthy sensors and the wake
-without jets; `LEAST_FIGURE` is the smallest magnitude. The squares of these figures are divisors."""
+without jets; `LEAST_FIGURE` is the smallest magnitude. These figures or their squares are divisors."""
 MOST_WEIGHT: Final = 1e6
 """Largest permitted magnitude of a weight of the estimate of the air speed."""
 _TYPES: Final = ("int8", "uint8", "int32", "float32", "float64")
-"""Types of arrays, in the order of their numbers in `sw_image.c`."""
+"""Types of arrays. `sw_image.c` numbers the types in this order."""
 _POSITIVE: Final = frozenset(
     {
         *("design_speed", "design_density", "window_factor", "force_std", "action_limit", "action_factor", "factor"),
@@ -81,8 +81,8 @@ def limits_in(members: Mapping[str, Member], layout: Mapping[str, str]) -> Itera
         each = _ranges(struct, member, dtype, layout)
         if not each:
             continue
-        # If the last axis has one entry per constant, the constants alternate in memory. Otherwise the last axis has
-        # one constant for each of eight outputs.
+        # An array may hold several constants per output. If its last axis has one entry per constant, the constants
+        # alternate in memory. Otherwise the last axis has the values of one constant for eight outputs.
         run = 1 if sides[-1] == len(each) else sides[-1]
         count, size = prod(sides), np.dtype(dtype).itemsize
         if len(each) == 1:
@@ -106,7 +106,7 @@ def wrong_in(payload: bytes, layout: Mapping[str, str]) -> str | None:
 
 
 def _ranges(struct: str, member: str, dtype: str, layout: Mapping[str, str]) -> tuple[Range, ...]:
-    """Return the allowed range of each constant of an array; return an empty tuple if any number is allowed."""
+    """Return the allowed range of each constant that an array holds; an empty tuple if any number is allowed."""
     if dtype.startswith("float"):
         info: Any = np.finfo(dtype)
         return _of_floats(struct, member, layout, float(info.tiny), float(info.max))
@@ -148,7 +148,7 @@ def _widest_integer(layout: Mapping[str, str]) -> float:
 
 
 def _stated(layout: Mapping[str, str], name: str, otherwise: int) -> int:
-    """Return a definition as a number, or `otherwise` if the layout has no ECU; `otherwise` disables a check."""
+    """Return the number of a definition in the layout, or `otherwise` if the layout lacks this definition."""
     return int(layout.get(name, otherwise))
 
 
@@ -158,14 +158,14 @@ def _together(arrays: Mapping[str, npt.NDArray[Any]], layout: Mapping[str, str])
     if rows is not None:
         memory, all_rows = (_stated(layout, f"SW_PRIOR_{name}", 1) for name in ("MEMORY", "FILTER_ROWS"))
         if (rows.sum(axis=1) > memory).any() or rows[:, 1].sum() != all_rows:
-            yield f"weights.prior_filter_rows: must end within {memory} rows, and have {all_rows} in all"
+            yield f"weights.prior_filter_rows: filters must end within {memory} rows and have {all_rows} rows together"
     speeds = arrays.get("release.resting", np.zeros((0, 3)))[:, 0]
     if any(after <= before for before, after in pairwise(speeds)):
-        yield "release.resting: its speeds must rise"
+        yield "release.resting: its speeds must increase"
     past, window = _stated(layout, "SW_PAST", 0), _stated(layout, "SW_WINDOW", 0)
     for slowest in arrays.get("release.slowest", np.zeros(0)) if past else ():
         if window / slowest > (past if slowest >= 1.0 else past - 1):
-            yield f"release.slowest is {slowest:g}: a past of {past} rows is too short for {window}"
+            yield f"release.slowest is {slowest:g}: a past of {past} rows is too short for a window of {window}"
 
 
 LAYOUT: Final = "sw_layout.h"
@@ -225,7 +225,7 @@ def layout_in(payload: bytes, sha256: bytes) -> dict[str, str]:
     """Return a payload's layout definitions. Raises BundleContainerError if the layout's SHA-256 is not `sha256`."""
     start = payload.rfind(_TITLE.encode())
     if start < 0 or hashlib.sha256(payload[start:]).digest() != sha256:
-        raise BundleContainerError(f"image: the text of its layout {sha256.hex()[:12]} is missing or altered")
+        raise BundleContainerError(f"image: its layout text (SHA-256 {sha256.hex()[:12]}..) is missing or altered")
     return _definitions(payload[start:].decode())
 
 
@@ -238,7 +238,7 @@ def check_numbers(payload: bytes, sha256: bytes) -> None:
         if wrong := wrong_in(payload, layout):
             raise BundleContainerError(f"image: {wrong}")
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-        raise BundleContainerError(f"image: the text of its layout {sha256.hex()[:12]} is damaged") from error
+        raise BundleContainerError(f"image: its layout text (SHA-256 {sha256.hex()[:12]}..) is damaged") from error
 
 
 def arrays_in(payload: bytes, layout: Mapping[str, str]) -> dict[str, npt.NDArray[Any]]:

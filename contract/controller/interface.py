@@ -1,17 +1,17 @@
 """The control step of a released controller: its inputs, its outputs, and the classes that compute it.
 
-Every lowering of a controller has this interface. In `controller.onnx`, inputs and outputs have the names below; in the
-C library they are members of structures. L is the window, S the number of sensors and H the horizon:
+A controller's ONNX graph and C library have this interface. In the graph, inputs and outputs have the names below; in
+the library they are members of structures. L is the window's length, S the number of sensors and H the horizon:
 
 =========  ========  =====================================================================================
 input      shape     meaning
 =========  ========  =====================================================================================
 window     (L, S+1)  oldest row first; row k is (Cp_k at the manifest's sensors, a_{k-1})
 plan       (H,)      the previous step's `new_plan`, unchanged; the controller shifts it by one step
-free       (H,)      1 where the optimiser may change the shifted plan, 0 where it is committed (delay)
+free       (H,)      1 where the optimiser may change the shifted plan, 0 for actions that are already fixed
 weights    (8,)      cost weights in the order of `CostWeights`; optional, by default the manifest's weights
 speed      ()        the vehicle's speed as a ratio to the design speed; optional, 1 by default
-limit      ()        bound on |a| in U_inf W; optional, by default and at most the manifest's limit
+limit      ()        bound on |a| in U_inf W; optional; its default and largest value is the manifest's limit
 =========  ========  =====================================================================================
 
 A graph whose plan does not depend on the speed has no input `speed`. A graph of release 1.0.0 has no input `limit`.
@@ -65,7 +65,8 @@ class Sizes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlStep:
-    """The result of a control step: the outputs in the module's table. The first action of the plan is commanded."""
+    """The result of a control step: the outputs in the module's table. The ECU commands the plan's first action that
+    the input `free` marks."""
 
     plan: Array
     forces: Array
@@ -74,7 +75,7 @@ class ControlStep:
 
 
 class Controller(Protocol):
-    """An object that computes control steps for the ECU and for the export's gates."""
+    """An object that computes control steps for the ECU and for the checks of the export."""
 
     def control_step(
         self,

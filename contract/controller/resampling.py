@@ -1,9 +1,9 @@
-"""The resampling of past rows for another speed: from control periods to steps of `flow.control_period` in t_c.
+"""The resampling of the past rows that a controller reads, for speeds other than the design speed.
 
-A controller expects rows that are `flow.control_period` convective times apart. At s times the design speed, a control
-period is s such steps long. So the rows are interpolated at the convective times that the controller expects.
+A controller expects rows that are `flow.control_period` convective times apart. At s times the design speed, recorded
+rows are s times as far apart in convective time. So the rows are interpolated at the times that the controller expects.
 
-Below the design speed the control periods are shorter than these steps. A controller that reacted fully in every period
+Below the design speed, a control period is shorter in convective time. A controller that reacted fully in every period
 would react faster than it was designed to. The jets act on the pressures at the wall immediately, so the controller
 would drive the air back and forth. Therefore pressures and command move only part of the way in a period (`followed`).
 At s times the design speed, this share is s for the pressures and s^2 for the command.

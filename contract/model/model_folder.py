@@ -34,13 +34,13 @@ from contract.typed import typed
 
 MODEL_SCHEMA: Final = "stillwake-model/2"
 MODEL_SCHEMA_1: Final = "stillwake-model/1"
-"""First schema, which can be read. It is for models of the truck's 90 sensors."""
+"""First schema, which this version can still read. It is for models of the truck's 90 sensors."""
 DESCRIPTION: Final = "model.json"
 MODEL_WEIGHTS: Final = "model.safetensors"
 TEACHER: Final = "encoder"
 SLIM: Final = "slim"
 PRIOR: Final = "prior"
-"""Prefix of the tensors of the prior, which computes the initial plan of the iterations (`train.refinement`)."""
+"""Prefix of the tensors of the prior, which computes the initial plan of the MPC (`train.refinement`)."""
 RESTING: Final = "resting"
 """Name of a tensor that accompanies the prior's tensors: K rows of speed, base pressure and swing of the wake without
 jets (`contract.release.manifest.RestingWake`), (K, 3)."""
@@ -67,8 +67,8 @@ class Description:
         sensors: names of the sensors that the slim encoder reads, in the order of its inputs.
         dataset_sha256: SHA-256 of the recording to which the model was fitted.
         metrics: errors by name. "teacher", "slim" and, with narrower networks, "deployed" are each a
-            `train.distillation.evaluate.EncoderMetrics`. "slim_latent" is the L1/sigma of the slim encoder's latents
-            against the teacher's latents.
+            `train.distillation.evaluate.EncoderMetrics`. "slim_latent" is L1/sigma (mean absolute error / standard
+            deviation) of the slim encoder's latents against the teacher's latents.
         ranking: method and order of the sensors; for SHAP also mean and standard deviation of every sensor's score, and
             the stability of the best sets.
         versions: versions of the software; "torch_threads" is the number of threads during training.
@@ -108,7 +108,7 @@ class ModelFolder:
         return {key.partition(".")[2]: value for key, value in self.tensors.items() if key.split(".")[0] == name}
 
     def deployed(self, name: str) -> dict[str, npt.NDArray[Any]]:
-        """Return a vehicle's tensors of `dynamics` or `decoder`. The narrower network is used if the model has it."""
+        """Return the tensors of the deployed `dynamics` or `decoder`: of the narrower network if the model has one."""
         return self.network(f"{SLIM}_{name}") or self.network(name)
 
     @property
@@ -141,7 +141,7 @@ def check_free(path: Path) -> None:
 
 
 def write(path: Path, description: Description, tensors: Tensors) -> None:
-    """Write a model directory, or replace an old one. Raises StillwakeError as `check_free`, or if writing fails."""
+    """Write or replace a model directory. Raises StillwakeError as `check_free` does, or if writing fails."""
     import safetensors.numpy
 
     check_free(path)

@@ -53,7 +53,7 @@ def unpack(integers: npt.NDArray[np.int16], quantum: float) -> Array:
 
 DATASET_SCHEMA: Final = "stillwake-dataset/3"
 DATASET_SCHEMA_2: Final = "stillwake-dataset/2"
-"""Older schema, which can be read. It has the truck's sensors by name, ten series, and facts in the provenance."""
+"""Older schema, which is still read. It has the truck's sensors by name, ten series, and facts in the provenance."""
 
 EXACT_SERIES: Final = frozenset({"t", "action"})
 """Series stored in double precision, because their values are commanded and not measured."""
@@ -119,7 +119,7 @@ def read(path: Path) -> Dataset:
 
 
 def survey(path: Path) -> tuple[Dataset | None, tuple[str, ...]]:
-    """Return a data set of the valid episodes, or None without a valid episode, and all problems, one line each."""
+    """Return a data set of the valid episodes (None if no episode is valid), and all problems, one line each."""
     problems: list[str] = []
     dataset = None
     try:
@@ -152,9 +152,10 @@ def write(path: Path, dataset: Dataset) -> None:
 
 
 def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> Dataset:
-    """Return an existing data set; without episodes if there is no file. `facts` is the provenance that old and new
-    episodes must share, such as the flow's settings. Raises DatasetError if the file is no data set, or has other
-    sensors or an episode with other facts; the message states the first difference."""
+    """Return an existing data set, or a data set without episodes if there is no file. `facts` is the provenance that
+    old and new episodes must share, such as the flow's settings. Raises DatasetError if the file is not a data set, or
+    if its sensors or the facts of an episode differ from `layout` and `facts`; the message states the first
+    difference."""
     if not path.exists():
         return Dataset(episodes=(), layout=layout)
     there = read(path)
@@ -172,9 +173,9 @@ def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = 
 
 
 def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> None:
-    """Add episodes at the end of a data set, or create it if there is no file. The old file remains until the new file
-    is complete, and the values of old episodes do not change. Raises the errors of `read_to_append` and `write`, and
-    DatasetError if a name is already used."""
+    """Add episodes at the end of a data set; create the data set if there is no file. The old file remains until the
+    new file is complete, and the values of old episodes do not change. Raises the errors of `read_to_append` and
+    `write`, and DatasetError if a name is already used."""
     there = read_to_append(path, facts, layout)
     write(path, replace(there, episodes=(*there.episodes, *episodes)))
 
@@ -209,7 +210,7 @@ def _column_problem(episode: Episode, layout: SensorLayout) -> str | None:
 
 
 def _clock(episodes: tuple[Episode, ...]) -> PlantFacts:
-    """Return the control period, which is the mean time step of the first episode with at least two times."""
+    """Return the control period as a fact: the mean time step of the first episode with at least two times."""
     for episode in episodes:
         t = episode.series["t"]
         if len(t) > 1 and t[-1] > t[0]:

@@ -19,7 +19,7 @@ from contract.recording.plausible import dominant_frequency, implausible, longes
 STEP_TOLERANCE: Final = 0.05
 """Largest deviation of a time step from the control period, as a share of the period. A clock error of a twentieth of a
 period shifts the ramp of the jets in the recording. This shift has less effect than the resolution of the four
-pressures."""
+pressures that the release reads."""
 CLOCK_TOLERANCE: Final = 1e-3
 """Largest deviation of the mean time step from the control period, as a share of the period. Over a horizon of 25
 steps, the model's clock is then wrong by a fortieth of a step."""
@@ -28,7 +28,7 @@ LIMIT_TOLERANCE: Final = 1e-6
 QUIET: Final = 0.05
 """Share of the action limit below which an action counts as zero or weak."""
 _SPAN: Final = (0.05, 50.0)
-"""Smallest and largest plausible extent of the sensors' positions, in W. Most extents in mm or m are outside."""
+"""Smallest and largest plausible extent of the sensors' positions, in W. Most extents in mm are outside this range."""
 _USED: Final = 0.25
 """Smallest plausible ratio of the largest training action to the limit. With a wrong unit, the ratio is far smaller."""
 _FREQUENCY: Final = (0.02, 2.0)
@@ -80,7 +80,7 @@ def _of_role(dataset: Dataset, role: str) -> list[Episode]:
 
 
 def agreeing(dataset: Dataset, config: Config) -> Config:
-    """Return the settings, in which the known facts about the data set's plant replace values of `config.flow`."""
+    """Return a copy of the settings in which the known facts about the data set's plant replace values of `flow`."""
     known: dict[str, Any] = dict(dataset.plant.known)
     return replace(config, flow=replace(config.flow, **known))
 
@@ -116,8 +116,8 @@ def _disagreements(dataset: Dataset, config: Config) -> Iterator[str]:
         if abs(value - setting) > _SAME * abs(value):
             yield (
                 f"{name.replace('_', ' ')} is {value:g} in the data set, flow.{name} = {setting:g} in the settings: "
-                f"use --set flow.{name}={value!r}, or --set with what `stillwake dataset inspect FILE --settings` "
-                f"prints"
+                f"use --set flow.{name}={value!r}, or --set SETTINGS.toml, the output of `stillwake dataset "
+                f"inspect FILE --settings`"
             )
 
 
@@ -149,7 +149,7 @@ def _of_episode(episode: Episode, dataset: Dataset, config: Config) -> Iterator[
 
 
 def clock_problem(t: Array, period: float) -> str | None:
-    """Describe the first error in times that should rise by `period`; return None if there is no error."""
+    """Describe the first error in times that should increase in steps of `period`; None if there is no error."""
     if len(t) < 2:
         return None
     steps = np.diff(t)
@@ -173,7 +173,7 @@ def _lengths(dataset: Dataset, config: Config) -> Iterator[Finding]:
     window, horizon = config.model.window, config.mpc.horizon
     gate, calibrated = needs.GATE_WINDOWS, needs.LEAST_CALIBRATION
     rolled = Need(steps=window + horizon, reason=f"a window of {window} and the horizon of {horizon} steps")
-    replayed = Need(steps=window - 1 + gate, reason=f"{gate} windows of {window} for the export's gates")
+    replayed = Need(steps=window - 1 + gate, reason=f"{gate} windows of {window} to check the export")
     rounded = Need(steps=window - 1 + calibrated, reason=f"{calibrated} windows of {window} to calibrate int8")
     demands: list[tuple[Sequence[Episode], Need, Literal["training", "export"]]] = [
         (kept if config.model.is_slimmed else (), rolled, "training"),

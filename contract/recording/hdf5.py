@@ -13,9 +13,9 @@ from contract.errors import DatasetError
 
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
-    """Open a file for reading. Raises DatasetError if the file is missing, refers to another file or to itself, or
-    holds more than `MOST_VALUES` values. A damaged file raises h5py's OSError, RuntimeError, KeyError, ValueError or
-    TypeError."""
+    """Open a file for reading. Raises DatasetError if the file is missing, has unprintable names, refers to other
+    files, has virtual arrays, or holds more than `MOST_VALUES` values. A damaged file raises h5py's OSError,
+    RuntimeError, KeyError, ValueError or TypeError."""
     if not path.is_file():
         raise DatasetError(f"{path}: no such dataset")
     values, seen = 0, set[int]()

@@ -15,15 +15,14 @@ STRETCH: Final = 64
 """Number of consecutive latent states that the distillation uses from one pass of the LSTM over a sequence of rows."""
 
 GATE_WINDOWS: Final = 50
-"""Number of consecutive recorded windows that the export gates replay."""
+"""Number of consecutive recorded windows with which the export checks a controller."""
 
 CALIBRATION_WINDOWS: Final = 400
 """Number of recorded windows with which int8 rounding is calibrated, counted over all kinds of forcing together."""
 
 LEAST_CALIBRATION: Final = 50
 """Smallest number of windows with which int8 rounding is calibrated: two shedding cycles of the truck. With fewer
-windows, the measured ranges of the activations may not cover the cycle. On the vehicle, a value outside its range
-saturates."""
+windows, the measured ranges of the activations may be too small, so that values on the vehicle saturate."""
 
 WINDOW_STEP: Final = 8
 """The window must be a multiple of this number of steps, so that the ECU in C can check the sensors."""
@@ -44,7 +43,7 @@ def fitting_need(config: Config) -> Need:
     reason = f"a window of {window}, {ahead} steps ahead and segments of {train.segment}"
     needs = [Need(steps=window - 1 + train.segment + ahead, reason=reason)]
     if train.stream_epochs:
-        needs.append(Need(steps=window - 1 + STRETCH, reason=f"a window of {window} and stretches of {STRETCH}"))
+        needs.append(Need(steps=window - 1 + STRETCH, reason=f"a window of {window} and sequences of {STRETCH}"))
     return max(needs, key=lambda need: need.steps)
 
 

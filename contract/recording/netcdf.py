@@ -13,7 +13,7 @@ from contract.recording.episode import UNITS, Episode
 from contract.sensor_layout import SensorLayout
 
 FILL: Final = np.int16(-32768)
-"""Value that marks a missing integer. No series has this value, unlike netCDF's default fill value, -32767."""
+"""Value that marks a missing integer. A series may have netCDF's default fill value, -32767, but not this value."""
 LONG_NAMES: Final = {
     "t": "time", "action": "flow rate of the jets", "Cp": "pressure coefficient", "Cd": "drag coefficient",
     "Cl": "side force coefficient", "Cd_slot_pressure": "drag of the slots by pressure",

@@ -28,10 +28,10 @@ class FoamTable:
 
 
 def read_foam_table(folder: Path, file: str, *, cut_off: bool = False) -> FoamTable | None:
-    """Read the table whose file name matches `file` in a function object's folder. The folder has a subfolder for every
-    start of the case. The rows of a start replace all rows of earlier starts from the time at which this start begins.
-    With `cut_off`, an incomplete last line, as in a running case, is ignored. Return None if there is no such file.
-    Raises OSError, or ValueError that states file and line."""
+    """Read the table whose file name matches the regular expression `file` in a function object's folder. The folder
+    has a subfolder for every start of the case. The rows of a start replace all rows of earlier starts from the time at
+    which this start begins. With `cut_off`, an incomplete last line, as in a running case, is ignored. Return None if
+    there is no such file. Raises OSError, or ValueError that states file and line."""
     starts = sorted((start, len(path.name), path) for path, start in _starts(folder, file))
     header: tuple[str, ...] = ()
     rows: list[Array] = []

@@ -33,7 +33,7 @@ def share_near(values: Array, period: float, frequency: float, width: float) -> 
 
 
 _HIGHEST: Final = 1.1
-"""Highest plausible mean Cp: 1, the stagnation pressure of a steady stream, plus 0.1 for errors of p_inf and q."""
+"""Highest plausible mean Cp: 1, the stagnation pressure of a steady stream, plus 0.1 for errors of p_inf and U_inf."""
 _LOWEST: Final = -5.0
 """Lowest plausible mean Cp, at a leading edge or a rotating cylinder. Only means below -5.5 are reported."""
 _SWINGS: Final = (-6.0, 1.25)
@@ -65,21 +65,21 @@ expected change follows from the variation of the other sensors."""
 _FINEST: Final = 2.0**-12
 """Smallest resolution that is assumed for a series: twice the quantum with which a data set stores Cp."""
 _CLIPPED: Final = 0.03
-"""A sensor may be saturated if more than this share of rows has its extreme value, in runs of three or more."""
+"""A sensor may be saturated if this share of rows has its extreme value in runs of at least three consecutive rows."""
 _SHOWN: Final = 3
 """Largest number of episodes or sensors that one line lists."""
 _CELLS: Final = 256
 """Number of cells into which one standard deviation of a column is divided. Values in one cell count as equal; values
 within 16 cells count as similar."""
 _ALIKE: Final = (10, 0.25)
-"""A file counts as a copy if it has this number of equal rows in the same order, or this share of them in any order."""
+"""A file is a copy if this number of its rows are in another file in the same order, or this share in any order."""
 
 _Note = tuple[str, str]
 """A note: the observation in an episode, and its cause with the remedy."""
 
 
 def implausible(dataset: Dataset) -> Iterator[str]:
-    """Report a line per cause, with the episodes and values that show the cause, then differences between files."""
+    """Yield a line per cause, with the episodes and values that show the cause, then lines on pairs of files."""
     names = (*dataset.layout.names, "Cd", "Cl")
     tables = [np.column_stack([item.series[name] for name in ("Cp", "Cd", "Cl")]) for item in dataset.episodes]
     missing = [_stand_for_none(table) for table in tables]
@@ -141,7 +141,7 @@ def _missing(names: Sequence[str], table: Array, gaps: Mask) -> Iterator[_Note]:
         rows = int(here.any(axis=1).sum())
         times = f"in {rows} rows, first at step {start}," if rows > 1 else f"at step {start}"
         times = f"{run} times in a row from step {start}" if run > 1 else times
-        where = f"{value:.6g} stands {times} in {_listed(names, here.any(axis=0))}, far from all other values"
+        where = f"{value:.6g} occurs {times} in {_listed(names, here.any(axis=0))}, far from all other values"
         yield where, "loggers write this for a missing value; fill the gap, or cut the file in two there"
 
 
@@ -176,14 +176,14 @@ def _pressures(episode: Episode, names: Sequence[str], pressure: Array) -> Itera
             remedy = "for pressures in Pa against p_inf, import with rho U_inf^2 / 2 as in --reference Cp=240Pa"
         yield (
             f"Cp of {_listed(names, beyond)} is {mean[worst]:.3g} in the mean, from {least:.3g} to {most:.3g}",
-            f"a wall has {_LOWEST:g} to {_HIGHEST:g}; {remedy}",
+            f"mean Cp on a wall is {_LOWEST:g} to {_HIGHEST:g}; {remedy}",
         )
     size, rms = float(np.sqrt(np.square(pressure).mean())), np.sqrt(np.square(pressure).mean(axis=0))
     divisor = _divisor(episode)
     least, most = pressure.min() * divisor, pressure.max() * divisor
     already = divisor > 1.0 and size < 10.0 * _FLAT and least >= _LOWEST and most <= _SWINGS[1]
     if size < _FLAT or already:
-        before = f", of numbers from {least:.3g} to {most:.3g} divided by {divisor:g}" if already else ""
+        before = f", because values of {least:.3g} to {most:.3g} were divided by {divisor:g}" if already else ""
         cause = "dimensionless numbers need no --reference Cp"
         yield f"all Cp are within {np.abs(pressure).max():.3g}{before}", cause
     weak = (rms < 0.01 * np.median(rms)) & (deviation < 0.01 * np.median(deviation)) & (swing > 0)
@@ -298,8 +298,7 @@ def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array)
     rows = np.concatenate([np.round(table[:, chosen] / cells) for table in tables]).astype(np.int64)
     owner = np.repeat(np.arange(len(tables)), [len(table) for table in tables])
     step = np.concatenate([np.arange(len(table)) for table in tables])
-    # A periodic wake also repeats itself within a file, so only rows that differ from all other rows of their file
-    # count.
+    # A periodic wake also repeats itself within a file, so only rows that occur once in their file count.
     _, back, counts = np.unique(np.column_stack([owner, rows >> 4]), axis=0, return_inverse=True, return_counts=True)
     alone = counts[back.ravel()] == 1
     _, kind = np.unique(rows[alone], axis=0, return_inverse=True)
@@ -316,8 +315,7 @@ def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array)
         in_order = pairs[pairs[:, 0] - pairs[:, 1] == offsets[times.argmax()], 1]
         between = (owner == b) & alone & (step >= in_order.min()) & (step <= in_order.max())
         few, ahead = min(len(tables[a]), len(tables[b])), int(offsets[times.argmax()])
-        # Rounding may move equal values into different cells, so the rows themselves are compared at the offset of the
-        # matches.
+        # Rounding may move equal values into different cells, so the rows are compared at the offset of the matches.
         one, other = tables[a][max(ahead, 0) :], tables[b][max(-ahead, 0) :]
         size = min(len(one), len(other))
         same = np.abs(one[:size] - other[:size]).max(axis=1) <= 4 * _FINEST

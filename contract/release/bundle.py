@@ -1,8 +1,8 @@
 """The release bundle: a directory with all files that are flashed onto an ECU.
 
-`manifest.json` states the controller's vehicle, the origin of the controller (data set, weights, program), and the
-SHA-256 of every other file and of the DBC. `manifest.sig`, if present, is an Ed25519 signature of the manifest's bytes
-(`contract.release.signing`). So the signature also protects the data and the hashes in the manifest.
+`manifest.json` states for which vehicle the controller was made, the controller's origin (data set, weights, program),
+and the SHA-256 of every other file and of the DBC. `manifest.sig`, if present, is an Ed25519 signature of the
+manifest's bytes (`contract.release.signing`). So the signature also protects the data and the hashes in the manifest.
 
 `controller.onnx` computes one control step (`contract.controller.interface`). `sensors.onnx`, if present, estimates the
 pressures from each other for the ECU's sensor check (`contract.controller.estimator`).
@@ -49,14 +49,14 @@ def pack(manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateK
 
 def write(path: Path, manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateKey | None = None) -> None:
     """Write a bundle directory, completely or not at all. Without a key the bundle is unsigned. Raises BundleError for
-    a bad file name, or if the directory has other contents; StillwakeError if the directory cannot be written."""
+    a bad file name, or if the directory is neither empty nor a bundle; StillwakeError if writing fails."""
     packed = pack(manifest, contents, key)
     check_replaceable(path)
     write_files(path, packed)
 
 
 def check_replaceable(path: Path) -> None:
-    """Raise BundleError if writing a bundle would replace a directory with other contents."""
+    """Raise BundleError if the directory is neither empty nor a bundle, or if the path ends in .zip."""
     if path.suffix.lower() == ".zip":
         raise BundleError(f"bundle {path}: is written as a directory; give a name that does not end in .zip")
     if path.is_dir() and not (path / MANIFEST).is_file() and any(path.iterdir()):
@@ -103,7 +103,8 @@ def renew(
     The old bundle may be for another DBC, but must pass all other checks. The controller is copied unchanged, because
     its inputs and outputs are Cp and flow rates in U_inf W, and do not depend on frames, Pa or m/s. The control period
     in s and the budget follow from the operating point. The new provenance has the old manifest's hash. Raises
-    BundleError as `load` does, and for a bad name or a target with other contents; StillwakeError if writing fails.
+    BundleError as `load` does, and for a bad name or a target that is neither empty nor a bundle; StillwakeError if
+    writing fails.
 
     Args:
         created: day of the new bundle, YYYY-MM-DD.
@@ -160,8 +161,7 @@ def verified(name: str, contents: Mapping[str, bytes], trusted: Collection[Publi
 
 
 def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
-    """Make the checks of `load` in the same order, and return their results. If a check cannot be made because an
-    earlier check failed, the list ends before this check."""
+    """Make the checks of `load` in order and return the results. Checks that depend on a failed check are left out."""
     try:
         contents = read_files(path)
     except BundleError as error:

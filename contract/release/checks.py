@@ -2,11 +2,11 @@
 
 The manifest's own hash detects accidental changes. A signature by a trusted key detects deliberate changes too.
 
-A graph may come from anyone. ONNX Runtime refuses unknown operators. `contract.runtime` refuses other inputs, outputs
+A graph may come from anyone. ONNX Runtime refuses unknown operators. `contract.runtime` refuses wrong inputs, outputs
 and shapes, and runs a first step in bounded time and memory. `check_graph` refuses two kinds of content before ONNX
 Runtime reads the bytes: constants in other files, and operators outside the ONNX standard. Each kind of content puts a
-certain text into the file, and no exported graph contains this text. Signing a graph includes stricter checks
-(`export.release.judged`).
+certain text into the file, and no exported graph contains this text. Before a graph is signed, `export.release.judged`
+makes stricter checks.
 """
 
 import hashlib
@@ -26,7 +26,7 @@ from contract.release.signing import PublicKey
 
 SIGNATURE: Final = "manifest.sig"
 CONTROLLER: Final = "controller.onnx"
-UNSIGNED: Final = "unsigned: its hashes show damage, not its author"
+UNSIGNED: Final = "unsigned: hashes detect damage, but do not prove the origin"
 MAX_GRAPH_BYTES: Final = 16 * 2**20
 """Largest size of a graph's file, in bytes: a hundred times the paper's controller in int8."""
 FORBIDDEN: Final = {
@@ -113,8 +113,8 @@ class Made:
             return None
 
     def need(self, name: str, make: Callable[[], _T], in_words: Callable[[_T], str] | None) -> _T:
-        """Compute a value that later checks need. An error always ends the reading. A success is listed only if
-        `in_words` is given."""
+        """Compute a value that later checks need. An error ends the reading. A success is listed only if `in_words` is
+        given."""
         try:
             value = make()
         except BundleError as error:

@@ -30,7 +30,7 @@ MAX_FILES: Final = 64
 MAX_BYTES: Final = 32 * 2**20
 """Largest size of all files together, in bytes: enough for nearly two hundred controllers of the paper's size."""
 MAX_BYTES_OF: Final = {"manifest.json": 2**20, "manifest.sig": 2**12}
-"""Largest sizes, in bytes, of the files that are read before the signature is verified; an image begins with these."""
+"""Largest sizes, in bytes, of the first files of an image, which are read before the signature is verified."""
 
 _CHUNK: Final = 2**20
 _MAGIC: Final = b"SWIMAGE1"
@@ -61,7 +61,7 @@ def read_files(path: Path) -> dict[str, bytes]:
 
 
 def write_files(path: Path, contents: Mapping[str, bytes]) -> None:
-    """Write a directory, or replace an existing one. Raises StillwakeError if the directory cannot be written."""
+    """Write a directory, or replace an existing directory. Raises StillwakeError if the directory cannot be written."""
     with replacing(path) as temporary:
         temporary.mkdir()
         for name, data in contents.items():

@@ -51,9 +51,9 @@ _VEHICLE: Final = struct.Struct("<Q3ddI")
 _SIGNED: Final = 448
 _UNSIGNED: Final = bytes(96)
 LINE: Final = 32
-"""Number of data bytes in a line. Every tool accepts 32, and 64 KiB is a multiple of 32."""
+"""Number of data bytes in a line. Every tool accepts 32, and no line crosses a boundary of 64 KiB, a multiple of 32."""
 HIGH: Final = 1 << 16
-"""Number of addresses that a line of Intel HEX can state. Another type of line states the higher part of an address."""
+"""Number of addresses that a data line of Intel HEX can state; a line of another type states the upper 16 bits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,7 +146,7 @@ def signer_of(image: bytes) -> PublicKey | None:
 
 
 def read(image: bytes) -> ControllerImage:
-    """Check an image, unsigned or signed by any key. Raises as `signer_of`, or BundleContainerError for damage."""
+    """Check an image, which may be unsigned or signed by any key. Raises as `signer_of`, and for a damaged image."""
     signer, payload = signer_of(image), image[HEADER_BYTES:]
     _, _, _, sha256, layout, dbc, digest, version, vehicle, hardware, name, reserved = _FACTS.unpack_from(image)
     period, width, speed, density, limit, sensors = _VEHICLE.unpack(vehicle)
@@ -170,7 +170,7 @@ def read(image: bytes) -> ControllerImage:
 
 
 def name_bytes(what: str, text: str) -> bytes:
-    """Return a name as the header stores it. Raises BundleContainerError for a name that it cannot store."""
+    """Return a name as the header stores it. Raises BundleContainerError for a name that the header cannot store."""
     raw = text.encode(errors="surrogatepass")
     if not _is_name(raw):
         raise BundleContainerError(f"image: {what} {quoted(text)}: must be 1 to {_MAX_NAME} printable ASCII characters")

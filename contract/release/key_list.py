@@ -11,7 +11,7 @@ only if its version is greater than the present list's version. So an old list c
     14  2   zeros
     16  32  root key
     48      the n keys of 32 bytes, ascending, then the m revoked keys, ascending
-        64  Ed25519 signature of all bytes before it by the root key
+        64  Ed25519 signature by the root key of all bytes before it
 
 Numbers are big-endian.
 """

@@ -29,7 +29,7 @@ _SCHEMA: Final = "stillwake-bundle/9"
 _SCHEMA_8: Final = "stillwake-bundle/8"
 """The schema of 1.0.0, which has no estimate of the air speed. This version reads both schemas."""
 FIRST_SECURITY_VERSION: Final = 1
-"""Smallest security version of a release; it is 1 until it is raised. An ECU with a store accepts no smaller number."""
+"""Security version of new releases until it is raised, and the smallest version that a flashable ECU accepts."""
 LARGEST_SECURITY_VERSION: Final = 2**32 - 1
 MANIFEST: Final = "manifest.json"
 MAX_STEPS: Final = 10_000
@@ -81,8 +81,8 @@ class Scaling:
 FAST_PERIODS: Final = 4
 SLOW_PERIODS: Final = 64
 """Long averaging time of the residuals in the ECU's sensor check, in control periods; `FAST_PERIODS` is the short time.
-The short time, a sixth of a shedding cycle, removes most of a sensor's noise. The long time, two cycles, shows a small
-bias or a drift."""
+The short time, a sixth of a shedding cycle, removes most of a sensor's noise. The long time, two cycles, shows a bias
+or a drift."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +112,7 @@ class RestingWake:
     """The wake without jets as a function of the vehicle's speed, a reference for the ECU's benefit check.
 
     Attributes:
-        speeds: K speeds in units of the design speed, rising, (K,).
+        speeds: K increasing speeds, as ratios to the design speed, (K,).
         base: mean pressure of the release's sensors on the base at each speed, in Cp, (K,).
         swing: mean magnitude of the differences between the release's mirrored sensors at each speed, in Cp, (K,).
     """
@@ -143,7 +143,7 @@ class Manifest:
         weights_sha256: SHA-256 of the trained model's tensors.
         program_sha256: SHA-256 of the program that `controller.onnx` computes (`export.program.controller_program`);
             the header of a C library of this program has the same SHA-256.
-        provenance: settings, metrics and versions of the training, and the results of the export's gates.
+        provenance: settings, metrics and versions of the training, and the results of the export's checks.
         sensor_positions: (x, y) of every sensor in the body's reference length W; None if the positions are not known.
         sensor_estimator: figures of `sensors.onnx`; None without that file.
         security_version: number that is raised when older releases must not be installed again. An ECU that has
@@ -279,13 +279,13 @@ def _unlike_a_wake(resting: RestingWake) -> Iterator[str]:
             yield f"resting.{name}: must have a value for each of 1 to {MAX_RESTING} speeds"
     yield from _not_positive("resting.speeds:", *resting.speeds)
     if any(after <= before for before, after in pairwise(resting.speeds)):
-        yield f"resting.speeds = {resting.speeds!r}: must rise"
+        yield f"resting.speeds = {resting.speeds!r}: must increase"
     yield from _no_figure("resting.swing:", *resting.swing)
-    yield from _no_figure("resting.base, of a wake's suction: minus", *(-value for value in resting.base))
+    yield from _no_figure("resting.base: a wake has suction, so the negative", *(-value for value in resting.base))
 
 
 class Opened(NamedTuple):
-    """The parts of a manifest after the manifest's own hash was verified."""
+    """The parts of a manifest whose own hash was verified."""
 
     schema: str
     body: Mapping[str, Any]

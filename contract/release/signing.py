@@ -105,7 +105,7 @@ def write_key_pair(folder: Path, key: Ed25519PrivateKey) -> PublicKey:
             with os.fdopen(os.open(folder / name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
                 written.append(folder / name)
                 file.write(content)
-    except BaseException as error:  # also a stop: half a pair would block every later call
+    except BaseException as error:  # also for a stop signal: one file alone would block every later call
         for path in written:
             path.unlink(missing_ok=True)
         if not isinstance(error, OSError):

@@ -1,4 +1,4 @@
-"""The execution of a bundle's graphs by ONNX Runtime on one thread, for the ECU, the export's gates and benchmarks.
+"""The execution of a bundle's graphs by ONNX Runtime on one thread, for the ECU, the export's checks and benchmarks.
 
 Graphs may come from anyone, so a graph first runs once in bounded time and memory.
 """
@@ -47,7 +47,7 @@ class BoundedGraph:
     optional: tuple[str, ...] = ()
 
     def session(self) -> Any:
-        """Open the session. Raises BundleControllerError if the graph does not load or has other shapes."""
+        """Open an ONNX Runtime session. Raises BundleControllerError if the graph does not load or has wrong shapes."""
         return self._opened(_options())
 
     def tried(self, limit_s: float) -> None:
@@ -133,8 +133,7 @@ def _register_bounded_memory() -> None:
 
 class OnnxController:
     """A controller that runs `controller.onnx`. Raises BundleControllerError if the model does not load or its shapes
-    contradict the sizes. A copy has its own session. `description` is a text for people; it names the program that
-    computes the step."""
+    contradict the sizes. A copy has its own session. `description` names the program that computes the step."""
 
     def __init__(self, model: bytes, sizes: Sizes) -> None:
         self._made_of = model, sizes

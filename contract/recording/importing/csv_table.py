@@ -47,7 +47,8 @@ class CsvColumn:
 
 
 def read_csv(path: Path) -> dict[str, CsvColumn]:
-    """Read a table, columns by name: a header line, then rows. Cells are separated by commas, semicolons or tabs.
+    """Read a table as columns by name. The file has a header line, then rows. Cells are separated by commas, semicolons
+    or tabs.
 
     Empty lines are skipped. Lines above the header that begin with # are comments. If numbers directly follow the
     comments, the last comment is the header, as in files of `numpy.savetxt`. Raises DatasetError if the file is no

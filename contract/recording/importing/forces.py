@@ -19,14 +19,14 @@ _CLOCK_OF_UNIT: Final[Mapping[str, ForcesClock]] = {"t_c": "t_c", "W/U_inf": "t_
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ForcesTable:
-    """The forces of a table as time series. Raises DatasetError for times that do not rise or a number that is not
-    finite.
+    """The forces of a table as time series. Raises DatasetError for times that do not increase, or for a number that is
+    not finite.
 
     Attributes:
-        names: names of the times, "t", and of the forces in the file.
-        t: rising times, (n,).
+        names: names in the file, by the names "t", "Cd" and "Cl".
+        t: increasing times, (n,).
         values: forces at these times by the names in `FORCE_COLUMNS`, (n,) each.
-        clock: clock that the unit of the times states.
+        clock: clock that the unit of the times states, if any.
     """
 
     path: Path
@@ -51,9 +51,9 @@ class ForcesTable:
             )
 
     def at(self, times: Array, *, longest_gap: float, slack: float) -> dict[str, Array]:
-        """Interpolate the forces linearly at m rising times, (m,). Because clocks differ, a time may be up to `slack`
-        before the first row or after the last row. Raises DatasetError for a time that is farther outside or lies in a
-        gap longer than `longest_gap`; the message states the first and last time of the rows or of the gap."""
+        """Interpolate the forces linearly at m increasing times, (m,). Because clocks differ, a time may be up to
+        `slack` outside the rows. Raises DatasetError for a time that is farther outside or lies in a gap longer than
+        `longest_gap`; the message states the first and last time of the rows or of the gap."""
         first = self.names[FORCE_COLUMNS[0]]
         if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
             raise DatasetError(

@@ -26,7 +26,7 @@ _NUMBER: Final = re.compile(r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?")
 _NOT_FOUND: Final = 1e299
 """A probe whose value has a larger magnitude is outside the mesh; OpenFOAM then writes -1e300."""
 _GAP: Final = 1.05
-"""Largest time between two rows at which values are interpolated, in control periods."""
+"""Largest time between two rows for which values between these rows are interpolated, in control periods."""
 _AT: Final = 0.01
 """Largest distance of a probe from its sensor, as a share of the extent of the sensors."""
 
@@ -50,10 +50,10 @@ def read_case(
     renamed: Mapping[str, str],
     references: Mapping[str, Reference],
 ) -> Contents:
-    """Read rows one control period apart. If the case's rows have other times, values are interpolated linearly. The
-    pressure p is kinematic. It is converted to Cp with `references` or with the magUInf of the force coefficients.
-    Raises DatasetError if the tables cannot be read, or do not fit the layout or the period; the message states the
-    file. The arguments are those of `contract.recording.importing.source_file.read_source`."""
+    """Read a case into rows that are one control period apart. If the case's rows have other times, values are
+    interpolated linearly. The pressure p is kinematic. It is converted to Cp with `references` or with the magUInf of
+    the force coefficients. Raises DatasetError if the tables cannot be read, or do not fit the layout or the period;
+    the message states the file. The arguments are those of `contract.recording.importing.source_file.read_source`."""
     pressures, forces = _table(path, case, _PRESSURES, "probes of p"), _table(path, case, _FORCES, "forceCoeffs")
     speed = _speed(forces)
     if speed is None and "Cp" not in references:
@@ -137,8 +137,8 @@ def _probes_of(pressures: FoamTable, layout: SensorLayout) -> Index:
         if len(at) != len(layout) or not _alike(at, wanted, near):
             name = layout.names[int(np.argmax(close.sum(axis=1) != 1))]
             raise DatasetError(
-                f"{path}: no probe, or more than one of its {count}, is at the sensor {name}: correct its position, or "
-                f"list one sensor for each probe, in the order of the probes"
+                f"{path}: no probe, or more than one of its {count}, is at the sensor {name}: correct the sensor's "
+                f"position, or list one sensor for each probe, in the order of the probes"
             )
     lost = np.abs(pressures.rows[:, 1 + chosen]).max(axis=0) > _NOT_FOUND
     if lost.any():

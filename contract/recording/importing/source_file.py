@@ -106,8 +106,8 @@ def factor(path: Path, name: str, inside: str, unit: str | None, reference: Refe
 
 
 def seconds_in(path: Path, inside: str, unit: str | None) -> float:
-    """Return the number of seconds in the unit of an array of times; 1 if the times have no unit. Raises DatasetError
-    for any other unit."""
+    """Return the length of the unit of an array of times, in s; 1 if the times have no unit. Raises DatasetError if the
+    unit is not a unit of time."""
     base, size = _base(unit)
     if base not in ("1", "s"):
         raise DatasetError(f"{path}: {inside!r} is in {unit!r}; times must be in s, ms, us, min or h")
@@ -188,8 +188,7 @@ def read_source(
             found[name], names_of_columns = _ordered(path, found[name], layout, table)
             used |= names_of_columns
         unit = table[inside].unit or (split_unit(inside)[1] if inside != name else None)
-        # Each column of a pressure array may have its own reference. An array with a wrong number of columns is refused
-        # later.
+        # Each column of a pressure array may have its own reference. A wrong number of columns is refused later.
         columns = layout.names if name == "Cp" and found[name].shape[1] == len(layout) else (name,)
         found[name] = found[name] * np.squeeze(
             [factor(path, name, inside, unit, reference_of(one, layout, references)) for one in columns]
@@ -228,7 +227,8 @@ def _in_this_file(
 def _ordered(
     path: Path, pressures: Array, layout: SensorLayout, table: Mapping[str, Stored | CsvColumn]
 ) -> tuple[Array, frozenset[str]]:
-    """Return the pressures in the layout's order, if an array of names in the file states the columns' order."""
+    """Return the pressures, and the name of an array in the file that lists the columns' sensors, if there is such an
+    array. With this array the pressures are in the layout's order; otherwise their order is unchanged."""
     for name, one in table.items():
         texts = one.texts
         if len(texts) == pressures.shape[1] and set(texts) >= set(layout.names):

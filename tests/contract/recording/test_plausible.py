@@ -69,10 +69,10 @@ WRONG: list[tuple[Callable[[Series], Series], tuple[str, ...], str]] = [
     (sensor(1, lambda p: np.full(300, -0.37)), ("held_out",), r"p2 is constant at -0\.37 for 300 of 300"),
     (sensor(1, lambda p: p[STEPS // 3 * 3]), ALL, r"p2 is constant in 67% of the rows, while the other sensors"),
     (lambda d: {"Cl": np.where((STEPS > 50) & (STEPS < 100), d["Cl"][50], d["Cl"])}, ALL, r"Cl is constant at 0\.6"),
-    (sensor(2, lambda p: np.where(STEPS >= 100, 99.99, p)), ALL, r"99\.99 stands 200 times .* step 100 in p3"),
+    (sensor(2, lambda p: np.where(STEPS >= 100, 99.99, p)), ALL, r"99\.99 occurs 200 times .* step 100 in p3"),
     (sensor(2, lambda p: np.full(300, 99.99)), ("calm",), r"p3 is constant at 99\.99 for 300 of"),
-    (sensor(2, lambda p: np.where(STEPS % 90 == 7, -9.99, p)), ALL, r"-9\.99 stands in 4 rows, first at step 7, in p3"),
-    (sensor(2, lambda p: np.where(STEPS == 77, 55.0, p)), ALL, r"55 stands at step 77 in p3"),
+    (sensor(2, lambda p: np.where(STEPS % 90 == 7, -9.99, p)), ALL, r"-9\.99 occurs in 4 rows, first at step 7, in p3"),
+    (sensor(2, lambda p: np.where(STEPS == 77, 55.0, p)), ALL, r"55 occurs at step 77 in p3"),
     (sensor(0, lambda p: np.minimum(p, -0.1)), ALL, r"p1 is at its largest value, -0\.1, in 64 of 300 .*saturated"),
     (sensor(0, lambda p: np.maximum(p, -0.7)), ("sweep",), r"p1 is at its smallest value, -0\.7, in 64 of 300"),
     (lambda d: {"Cp": d["Cp"][:, [0, 0, 2, 3]]}, ALL, r"p1 and p2 are equal in every row"),
@@ -92,7 +92,7 @@ def test_what_cannot_be_is_named_with_its_cause():
     (line,) = implausible(
         made(lambda d: {"Cp": np.where(gap[:, None], -99, d["Cp"]), "Cd": np.where(gap, -99, d["Cd"])})
     )
-    assert line.startswith("episode sweep: -99 stands 6 times in a row from step 50 in p1, p2, p3, p4 and Cd, far from")
+    assert line.startswith("episode sweep: -99 occurs 6 times in a row from step 50 in p1, p2, p3, p4 and Cd, far from")
     alone = SensorLayout.of(NAMES, np.array(POSITIONS), base=[], symmetric=False)
     (line,) = implausible(made(lambda d: {"Cd": d["Cl"], "Cl": d["Cd"]}, ALL, alone))
     assert "seem exchanged" in line

@@ -123,11 +123,11 @@ NONSENSE = [
     ("files", {str(i): "0" * 64 for i in range(65)}, "files has 65 entries: at most 64"),
     ("speeds", {"slowest": 1.1, "fastest": 1.4}, "speeds = 1.1..1.4: must include 1"),
     ("resting.speeds", [1.4, 0.6], "resting.base: must have a value for each"),
-    ("resting", {"speeds": [1.4, 0.6], "base": [-0.3] * 2, "swing": [0.1] * 2}, "must rise"),
+    ("resting", {"speeds": [1.4, 0.6], "base": [-0.3] * 2, "swing": [0.1] * 2}, "must increase"),
     (
         "resting",
         {"speeds": [0.6], "base": [0.1], "swing": [0.1]},
-        "resting.base, of a wake's suction: minus -0.1: must",
+        "resting.base: a wake has suction, so the negative -0.1: must",
     ),
     ("resting", {"speeds": [0.6], "base": [-0.3], "swing": [0.0]}, "resting.swing: 0.0: must be positive"),
     ("air_speed", [0.0] * 4, f"air_speed has 4 weights: must have {len(SHIPPED['air_speed'])}"),

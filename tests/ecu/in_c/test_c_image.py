@@ -134,7 +134,7 @@ def test_an_image_is_what_the_compiler_makes_and_runs_in_any_build_of_its_layout
     weights = np.array(other.manifest.mpc.weights.as_tuple(), np.float32)
     np.testing.assert_array_equal(arrays["release.weights"], weights)
     assert {values.dtype.kind for name, values in arrays.items() if name.endswith("_rows")} <= {"i"}
-    with pytest.raises(BundleContainerError, match="the text of its layout"):
+    with pytest.raises(BundleContainerError, match="its layout text"):
         layout_in(payload[:-1], facts.layout)
     with pytest.raises(LibraryError, match="does not belong to the program of bundle"):
         controller_image(others, bundle, config, None)

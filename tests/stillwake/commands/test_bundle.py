@@ -353,4 +353,4 @@ def test_what_two_images_differ_in_is_named(tmp_path, cli, refused, monkeypatch)
         payload = (image := read(one.read_bytes())).payload + line  # ends in a layout that no export wrote
         layout = bytes.fromhex(sha256(payload[payload.rindex(b"layout 2") :]))
         other.write_bytes(seal(payload, ImageFacts(**vars(image.facts) | {"layout": layout}), None))
-        assert "image: the text of its layout" in refused("bundle", "diff", one, other, status=2)
+        assert "image: its layout text" in refused("bundle", "diff", one, other, status=2)
