@@ -66,7 +66,7 @@ class Mesh:
         return np.asarray(np.column_stack(moments) / (3.0 * cross.sum(axis=1))[:, None])
 
     def patch_centres(self, name: str) -> Array:
-        """Midpoints of a patch's edges, (k, 2)."""
+        """Return the midpoints of a patch's edges, (k, 2)."""
         return np.asarray(self.points[self.patches[name]].mean(axis=1))
 
 
