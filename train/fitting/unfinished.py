@@ -86,8 +86,7 @@ def folder_of(output: Path) -> Path:
 
 def check(folder: Path, identity: Identity) -> Reached | None:
     """Return the progress of the training in this folder; None if the folder has no checkpoints. Raises ConfigError,
-    with the first difference, for checkpoints with other settings; DatasetError for checkpoints of another
-    recording."""
+    with the first difference, for checkpoints with other settings; DatasetError for another recording."""
     if not any(folder.glob("*.pt")):
         return None
     label = _label(folder)
@@ -102,8 +101,7 @@ def check(folder: Path, identity: Identity) -> Reached | None:
 
 
 def note(folder: Path, identity: Identity, reached: Reached) -> None:
-    """Store the training's identity and progress after a checkpoint; raises StillwakeError if the file cannot be
-    written."""
+    """Store a training's identity and progress after a checkpoint. Raises StillwakeError if writing fails."""
     label = {
         "settings": json.loads(identity.settings),
         "dataset_sha256": identity.dataset_sha256,

@@ -45,8 +45,7 @@ class Encoder(nn.Module):
         return self.encode_segments(windows)[:, 0]
 
     def encode_segments(self, segments: Tensor) -> Tensor:
-        """Encode S segments of R consecutive rows (S, R, F) as latents (S, R - L + 1, N_z) at rows L-1 .. R-1 of each
-        segment."""
+        """Encode S segments of R rows (S, R, F) as latents (S, R - L + 1, N_z) at rows L-1 .. R-1 of each segment."""
         if segments.is_cuda:
             # On a GPU, cuDNN runs all steps of a window in one kernel, which is faster than sharing computations.
             unfolded = segments.unfold(1, self.window, 1).transpose(2, 3)

@@ -119,7 +119,7 @@ class Rows:
         )
 
     def noise(self, level: float) -> Tensor:
-        """Return the standard deviation of sensor noise in each sensor's column, (N,), for noise of `level` global
+        """Return the standard deviation of noise in each sensor's column, (N,), for noise of `level` global
         deviations."""
         return level * self.unit
 

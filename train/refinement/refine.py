@@ -251,8 +251,7 @@ def _next_goal(settings: RefineConfig, rng: np.random.Generator) -> Goal:
 
 
 def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.random.Generator) -> StretchReadings:
-    """Draw the errors of sensors, speed and frames in a stretch; `speeds` (n,) are the flow's speeds in its n
-    periods."""
+    """Draw a stretch's errors of sensors, speed and frames; `speeds` (n,) are the flow's speeds in the n periods."""
     periods = len(speeds)
     # The square of a uniform draw makes low noise frequent.
     scale = settings.sensor_noise * rng.random() ** 2

@@ -91,9 +91,8 @@ TOP: Final = 127
 
 
 def field_levels(vorticity: Array) -> Levels:
-    """Return the levels of the vorticity w: `sign(w) * sqrt(|w| / FIELD_LEVEL) * TOP`, clipped. The root makes weak
-    vortices far downstream visible. Row 0 of w, (height, width), is at the bottom; row 0 of the levels is at the
-    top."""
+    """Return the levels of the vorticity w: `sign(w) * sqrt(|w| / FIELD_LEVEL) * TOP`, clipped. The root makes weak,
+    distant vortices visible. Row 0 of w, (height, width), is at the bottom; row 0 of the levels is at the top."""
     # Memory access takes most of the time, so computing in place and in float32 is three times as fast.
     squares = np.asarray(vorticity[::-1], dtype=np.float32) * np.float32(TOP**2 / FIELD_LEVEL)
     np.clip(squares, -float(TOP**2), float(TOP**2), out=squares)

@@ -44,8 +44,7 @@ class PartsFolder:
 
     @classmethod
     def for_output(cls, output: Path) -> "PartsFolder":
-        """Return the folder for `output`. The folder's path is absolute, because workers may have another working
-        directory."""
+        """Return the folder for `output`, as an absolute path, because workers may have another working directory."""
         output = output.absolute()
         return cls(output.with_name(output.name + ".parts"))
 
@@ -99,8 +98,7 @@ class PartsFolder:
         return task
 
     def clear(self) -> None:
-        """Remove the folder. If the process is killed meanwhile, the folder exists either with all its contents or not
-        at all."""
+        """Remove the folder. If the process is killed meanwhile, the folder is either complete or absent."""
         shutil.rmtree(self._done, ignore_errors=True)
         self.path.replace(self._done)
         shutil.rmtree(self._done)

@@ -31,8 +31,7 @@ from wake.recording.plans import CalmRound, ControlledRound, EpisodePlan, Plan
 from wake.truck.truck_wake import TruckWake
 
 _NOT_COMPARED: Final = "versions"
-"""Name of the entry with the software's versions. This entry is not compared, because a recording is valid with any
-versions."""
+"""Name of the entry with the software's versions. It is not compared: a recording is valid with any versions."""
 
 
 def is_finished(output: Path, jobs: Sequence[EpisodeJob]) -> bool:
