@@ -31,7 +31,7 @@ from train.selection.methods import select, select_by_hand
 from train.selection.shap_ranking import GIVEN, Ranking, SensorChoice, check_count, rank
 
 THREADS: Final = "torch_threads"
-"""Key in a model's `versions` for the number of torch's threads, or for all numbers that the training used."""
+"""Key in a model's `versions` for the number of torch's threads. A resumed training may have used several numbers."""
 
 
 def train_all(
@@ -57,7 +57,7 @@ def train_all(
         resume: whether an interrupted run with equal settings and recording is continued; if False, the run starts
             over.
         chosen: names of the slim encoder's sensors; None uses the method `config.train.selection`.
-        threads: number of torch's threads, stated in the model's `versions`; the previous number is restored.
+        threads: number of torch's threads, stated in the model's `versions`; later the previous number is restored.
         notice: called with a line for every training episode that is too short, and if the number of threads has
             changed.
 
@@ -127,8 +127,8 @@ def deployed(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> tuple[Encoder, Predictor | None]:
-    """Return the networks for the vehicle, on the CPU: an encoder of the named sensors, and slim dynamics and decoder
-    if the settings ask for them. `rows` are training rows with all sensors' columns."""
+    """Return the networks for the vehicle, on the CPU: an encoder for the named sensors, and slim dynamics and decoder,
+    or None if the settings do not ask for them. `rows` are training rows with all sensors' columns."""
     indices = rows.layout.indices(names)
     slim = distil(teacher.encoder, rows, indices, config, progress=progress, checkpoints=checkpoints)
     if not config.model.is_slimmed:

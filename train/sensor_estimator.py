@@ -26,14 +26,14 @@ EPOCHS: Final = 60.0
 BATCH: Final = 1024
 LEARNING_RATE: Final = 3e-3
 NOISE: Final = 0.5
-"""Largest standard deviation of the noise, in rms deviations of the chosen sensors' pressures. This value is multiplied
-by the square of a uniform draw, so low noise is frequent."""
+"""Largest standard deviation of the noise, relative to the rms of the sensors' standard deviations. This value is
+multiplied by the square of a uniform draw, so low noise is frequent."""
 HELD: Final = 0.4
 """Largest fraction of rows that repeat the row before them."""
 GUST: Final = 0.15
 """Largest relative difference between the air speed and the speed that scales the pressures. Half of the windows have a
-difference. If the training has none, a gust of 10 % leaves mean residuals of 0.07 in Cp, four standard deviations of
-healthy sensors; otherwise it leaves 0.009 (held-out episodes of the shipped recording, pressures times 1.21)."""
+difference. In a gust of 10 %, the mean residual is 0.009 in Cp, but 0.07, four standard deviations of healthy sensors,
+after a training without differences (held-out episodes of the shipped recording, pressures times 1.21)."""
 WEIGHT_DECAY: Final = 1e-3
 SEED: Final = 0
 """Random seed of initial weights, draws and noise; its value is arbitrary."""
@@ -58,7 +58,7 @@ def fit_estimator(
     if not used:
         raise DatasetError(f"no training episode is longer than the window of {window} control steps")
     learned = [item.rows(columns) for item in used]
-    # The check comes before the mirror images, which give a dead sensor's column another sensor's values.
+    # The check comes before the mirror images, because they fill a dead sensor's column with another sensor's values.
     for name, spread in zip((*sensors, "the action"), np.ptp(np.concatenate(learned), axis=0), strict=True):
         if spread == 0.0:
             raise DatasetError(f"{name} is constant in all training episodes: nothing to learn from")
@@ -87,7 +87,7 @@ def _fit(
     starts = torch.tensor(
         np.concatenate([b + np.arange(len(item) - window + 1) for b, item in zip(begins, learned, strict=True)])
     )
-    # Training needs no exchanged sensors: the check undoes an exchange first, so the network gets ordinary windows.
+    # No training window has exchanged sensors, because the ECU's check undoes an exchange before it calls the network.
     hidden = torch.zeros(sensors + sensors * (sensors - 1) // 2, sensors)
     for flags, view in zip(hidden, views(sensors), strict=False):
         flags[list(view.left_out)] = 1.0
@@ -140,7 +140,7 @@ def _disturbed(seen: Tensor, unit: Tensor, generator: torch.Generator) -> Tensor
     readings = seen[:, :, :-1] + level * unit * torch.randn(batch, length, columns - 1, generator=generator)
     share = HELD * torch.rand(batch, 1, generator=generator) * torch.randint(2, (batch, 1), generator=generator)
     held = torch.rand(batch, length, generator=generator) < share
-    held[:, 0] = held[:, -1] = False  # the ECU judges no period without readings
+    held[:, 0] = held[:, -1] = False  # in a period without readings, the ECU makes no check
     source = torch.where(held, 0, torch.arange(length)).cummax(dim=1).values
     readings = torch.gather(readings, 1, source[:, :, None].expand(-1, -1, columns - 1))
     return torch.cat([readings, seen[:, :, -1:]], dim=2)

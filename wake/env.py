@@ -31,8 +31,8 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     """A Gymnasium environment of the wake. One step is one control period of 0.2 t_c.
 
     The observation is Cp at the named sensors, in the order of the names (float32). The action is the jet flow rate in
-    U_inf W, shape (1,), within +-0.075. The reward is -Cd of the wall. An episode never terminates; it is truncated at
-    step `episode_steps` and every later step.
+    U_inf W, shape (1,), from -0.075 to 0.075. The reward is -Cd of the wall. An episode never terminates; it is
+    truncated at step `episode_steps` and every later step.
 
     At every step `info` holds the drag ledger, with the names and units of `wake.plant.sample.Sample`. `info` also has
     `clipped`, whether this step's action was clipped, and `clipped_count`, the episode's number of clipped actions.
@@ -42,7 +42,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     of threads. Computed phases are stored, so only the first resets take long. `reset` accepts one of these options:
 
     - `phase_steps`: the phase in control periods, in place of a random phase;
-    - `start`: a `wake.truck.state.State` to start from, at a control period's start.
+    - `start`: the `wake.truck.state.State` from which the episode starts; it must be at the start of a control period.
 
     A copy or a pickle can be taken at any time. It is an independent environment. Its flow, actions, episode and random
     generators continue bit for bit as in the original. `copy.copy` and `copy.deepcopy` have equal results.
@@ -50,8 +50,8 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     Args:
         sensor_names: the observed sensors; by default all sensors, 90 for the truck.
         episode_steps: number of control steps until truncation.
-        max_phase_steps: largest random phase; 25 control periods are about one shedding cycle. Each phase takes 1.8 MB.
-        start: flow state at phase 0, which other flow settings or another body need; None means the shipped state.
+        max_phase_steps: largest phase in control periods; 25 are about one shedding cycle. A stored phase takes 1.8 MB.
+        start: flow state at phase 0; None means the shipped state (default body, Reynolds number and grid only).
         render_mode: None, or "rgb_array" for pictures of the vorticity, the jets and the observed sensors.
         body: the truck by default; another body needs `start`.
 
@@ -61,8 +61,8 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     Raises:
         ConfigError: if a sensor does not exist or is named twice, `sensor_names` is a single string, or a setting is
             out of its range.
-        PlantError: if the start state belongs to another plant or lies within a control period, or if the time step is
-            too large.
+        PlantError: if the start state belongs to another plant or is not at the start of a control period, or if the
+            time step is too large.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  (Gymnasium's own convention)
@@ -107,7 +107,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode. Raises ConfigError if an option does not exist or is out of its range; PlantError if the
-        start state belongs to another plant or lies within a control period."""
+        start state belongs to another plant or is not at the start of a control period."""
         super().reset(seed=seed)
         # On the first use after an installation, this reset compiles the solver; the notice explains the long wait.
         notice = Timer(_SILENCE_S, print, ["compiling the flow solver, once: up to a minute"], {"file": sys.stderr})
@@ -180,11 +180,11 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
             raise ConfigError(f"start is a {type(start).__name__}: must be a wake.truck.state.State")
         into = start.substep % self.plant.config.substeps
         if into:
-            raise PlantError(f"start lies {into} substeps inside a control period: must lie between two periods")
+            raise PlantError(f"start is {into} substeps inside a control period: must be at a period's start")
         return start
 
     def _phase(self, steps: int) -> State:
-        """Return the flow after `steps` control periods without control, counted from the start state."""
+        """Return the flow that follows the start state after `steps` control periods without control."""
         if steps >= len(self._phases):
             self.plant.reset(self._phases[-1])
         while steps >= len(self._phases):

@@ -49,8 +49,8 @@ def open_plant(
     require_truck(config.body)
     if config.flow.refinement != 1.0:
         raise PlantError(
-            f"flow.refinement = {config.flow.refinement:g}: is for the grid of stillwake's solver; set "
-            "openfoam.refinement for OpenFOAM's mesh"
+            f"flow.refinement = {config.flow.refinement:g}: refines only the grid of stillwake's solver; "
+            "set openfoam.refinement for OpenFOAM's mesh"
         )
     folder = output / "openfoam"
     begin = developed(folder, config.flow, config.openfoam, progress)
@@ -73,15 +73,15 @@ def own_wake(
 
 
 def _start(path: Path | None, config: Config) -> State:
-    """Return the start state with its clock at zero and its jets shut. Raises PlantError if the settings have another
-    body or Reynolds number."""
+    """Return the start state with its clock at zero and its jets shut. Raises PlantError if state and settings differ
+    in body or Reynolds number."""
     state = developed_state() if path is None else load_state(path)
     check_origin(state.origin, config.body)
     reynolds = config.flow.reynolds
     if state.origin is not None and state.origin.reynolds != reynolds:
         name = "the shipped start" if path is None else f"state {path}"
         raise PlantError(
-            f"flow.reynolds = {reynolds:g}: {name} is for {state.origin.reynolds:g}; `{develops(reynolds)}` makes a "
+            f"flow.reynolds = {reynolds:g}: {name} has {state.origin.reynolds:g}; `{develops(reynolds)}` makes a "
             f"state, to be given with `--state {start_name(reynolds)} --set flow.reynolds={reynolds:g}`"
         )
     return replace(state, substep=0, action=0.0)

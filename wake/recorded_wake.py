@@ -29,7 +29,7 @@ class RecordedWake(SteppedPlant):
         t = episode.series["t"]
         if len(t) > 1 and abs(float(t[1] - t[0]) - flow.control_period) > _SAME_PERIOD:
             raise PlantError(
-                f"episode {episode.name} has a row every {float(t[1] - t[0]):g} t_c: flow.control_period is "
+                f"episode {episode.name} has a row every {float(t[1] - t[0]):g} t_c, but flow.control_period is "
                 f"{flow.control_period:g}"
             )
         self.layout = layout
@@ -63,7 +63,7 @@ class RecordedWake(SteppedPlant):
         self._substep += steps
 
     def _checked(self, action: float) -> float:
-        """Return any action: the recording does not respond to it."""
+        """Return the action unchecked, because the recording does not respond to it."""
         return action
 
     def _value(self, name: str, row: int) -> float:

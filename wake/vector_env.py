@@ -27,7 +27,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
     """A set of N independent `wake.env.TruckWakeEnv`. Their flows advance at the same time on the machine's cores.
 
     Each environment has bit for bit the observations, rewards, `info` and episodes of a single environment with equal
-    seed and actions. With one seed, `reset` gives the environments seed, seed + 1 and so on; `reset` also takes a list
+    seed and actions. `reset(seed=s)` gives the environments the seeds s, s + 1 and so on; `reset` also takes a list
     with a seed or None for each environment. The options of `TruckWakeEnv.reset` apply to all environments;
     `reset_mask`, a Boolean array, selects the environments to reset. A copy or a pickle, taken between two steps, is an
     independent environment that continues bit for bit. `wake.vector_env.BatchTape(env)` differentiates the batch.
@@ -41,7 +41,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
         settings: arguments of `TruckWakeEnv`, for all environments.
 
     Raises:
-        ConfigError: for less than one environment or thread, and as `TruckWakeEnv` does.
+        ConfigError: if `num_envs` or `threads` is below 1, and as `TruckWakeEnv` does.
         PlantError: as `TruckWakeEnv` does.
     """
 
@@ -83,7 +83,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
             cast(_Ahead, env).taken = taken
         try:
             found: tuple[Any, ...] = super().step(actions)
-        finally:  # After an error, results that were not taken must not hinder a copy.
+        finally:  # After an error, a future may be left over, and futures cannot be copied.
             for env in self.envs:
                 cast(_Ahead, env).taken = None
         return found
@@ -148,8 +148,8 @@ class BatchTape(CopiedWhole):
         self.tapes = [Tape(wake.plant, memory_mb / env.num_envs) for wake in env.wakes]
 
     def advance(self, actions: Array) -> list[Sample]:
-        """Advance each of the N flows by a control period, in which its jets ramp to its action; `actions` has shape
-        (N,). Raises PlantError as `Tape.advance` does."""
+        """Advance each of the N flows by a control period, in which the jets ramp to the flow's action; `actions` has
+        shape (N,). Raises PlantError as `Tape.advance` does."""
         pairs = zip(self.tapes, map(float, actions), strict=True)
         return self._env.at_once(Tape.advance, pairs)
 

@@ -55,8 +55,8 @@ def test_the_shipped_wake_settles_on_any_grid(tmp_path, monkeypatch):
 def test_what_does_not_fit_is_refused_with_what_would_do(tmp_path, starts):
     square = Config(body=BodyConfig(length=1.0, leading_edge_radius=0.0))
     cases: list[tuple[Any, Config, str | None, str]] = [
-        ("wake", SLOW, None, r"flow\.reynolds = 400: the shipped start is for 500; `stillwake develop start_re400"),
-        ("wake", Config(), "re400.npz", r"reynolds = 500: state .*re400\.npz is for 400; .*--set"),
+        ("wake", SLOW, None, r"flow\.reynolds = 400: the shipped start has 500; `stillwake develop start_re400"),
+        ("wake", Config(), "re400.npz", r"reynolds = 500: state .*re400\.npz has 400; .*--set"),
         ("wake", COARSE, "fine.npz", r"443 x 164 cells, this grid needs 177 x 66: .*flow\.refinement"),
         ("openfoam", SLOW, "re400.npz", "OpenFOAM develops its own"),
         ("openfoam", square, None, r"body\.length = 1\.0: OpenFOAM's mesh is for the truck, with 7\.647"),

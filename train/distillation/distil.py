@@ -52,9 +52,9 @@ def distil(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> Encoder:
-    """Train an encoder to reproduce the teacher's latents. `chosen` (N,) are the sensors that it reads, in order;
-    `rows` have all sensors' columns. Returns the slim encoder in evaluation mode, on the device of `rows`. Raises
-    DatasetError if an episode is too short for a window and, with `train.stream_epochs`, a sequence of `STRETCH` rows.
+    """Train an encoder to reproduce the teacher's latents. `chosen` (N,) are the sensors that this encoder reads, in
+    order; `rows` have all sensors' columns. Returns the slim encoder in evaluation mode, on the device of `rows`.
+    Raises DatasetError if an episode has fewer than L rows or, with `train.stream_epochs`, L - 1 + `STRETCH` rows.
 
     The first passes read the recording as a stream (this project's method), which has one LSTM step for each sample
     instead of L steps, because the LSTM's state is not reset. Training reads sequences of L - 1 + `STRETCH` rows from a

@@ -9,7 +9,7 @@ only this gradient (Sobolev training, Czarnecki et al. 2017).
 The trained predictor, the teacher, gives a roll-out for any actions. A quarter of the lessons use the actions that were
 recorded after the lesson's first state, and a quarter use actions from other places in the recording. The other half
 use plans from an optimisation: a plan begins with recorded actions, and gradient steps then lower the cost that the
-teacher predicts for it.
+teacher predicts for the plan.
 
 Shapes: B plans of H actions, N_z latent dimensions. Latents, actions and forces are standardised.
 """
@@ -102,7 +102,7 @@ class Lessons:
 def teach(
     teacher: WakeModel, latents: Tensor, rows: Rows, scaling: Scaling, config: Config, *, progress: Progress = silent
 ) -> Lessons:
-    """Compute about `config.train.predictor_lessons` lessons; equal seeds give equal lessons. `latents` (n, N_z) are
+    """Compute at least `config.train.predictor_lessons` lessons; equal seeds give equal lessons. `latents` (n, N_z) are
     the latents of n rows by the vehicle's encoder. Raises DatasetError if no episode is long enough for a window and
     the horizon."""
     starts = rollout_starts(rows, config.model.window, config.mpc.horizon)
@@ -167,7 +167,7 @@ def distil_predictor(
     """Train dynamics and decoder of the slim widths to reproduce the teacher's roll-outs.
 
     The loss is the sum of three terms. The first term is the mean square of the latents' difference over h = 1 .. H.
-    The second term is the Smooth L1 of the forces' difference over h = 0 .. H. Latents and forces are in standard
+    The second term is the Smooth L1 loss of the forces' difference over h = 0 .. H. Latents and forces are in standard
     deviations. The third term is `slope_weight` times the mean square difference between the student's and the
     teacher's gradients of the cost, divided by the mean square of the teacher's gradient. Returns the student in
     evaluation mode, with the slim widths of `model`, on the lessons' device.

@@ -86,7 +86,7 @@ def optimise(
     """Minimise `loss(step)["total"]` over the module's parameters in place, with `steps` steps of Adam. The learning
     rate is constant or has one cycle (warm-up, then cosine to zero; Smith 2017). Call this function inside `seeded`:
     the generator's state is saved and restored with the checkpoint. Raises the errors of `Checkpoints`. Removes the
-    checkpoints and raises TrainingError as soon as loss or weights are not finite."""
+    checkpoints and raises TrainingError if the loss or, at a checkpoint, a weight is not finite."""
     optimiser = torch.optim.Adam(module.parameters(), lr=settings.learning_rate)
     rate = _rate(optimiser, steps, settings)
     first = 0
@@ -143,7 +143,7 @@ def fit_joint(
     rows: Rows, config: Config, *, progress: Progress = silent, checkpoints: Checkpoints | None = None
 ) -> WakeModel:
     """Train encoder, dynamics and decoder together on standardised rows. The result is on the rows' device, in
-    evaluation mode. Raises DatasetError if an episode is too short for window and unroll."""
+    evaluation mode. Raises DatasetError if an episode is too short for window, unroll and segment."""
     settings, device = config.train, rows.inputs.device
     with seeded(settings.seed, device):
         model = WakeModel(rows.inputs.shape[1] - 1, config.model).to(device)

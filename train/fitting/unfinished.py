@@ -86,7 +86,7 @@ def folder_of(output: Path) -> Path:
 
 def check(folder: Path, identity: Identity) -> Reached | None:
     """Return the progress of the training in this folder; None if the folder has no checkpoints. Raises ConfigError,
-    with the first difference, if the checkpoints have other settings; DatasetError if they have another recording."""
+    with the first difference, for checkpoints with other settings; DatasetError for another recording."""
     if not any(folder.glob("*.pt")):
         return None
     label = _label(folder)
@@ -101,8 +101,7 @@ def check(folder: Path, identity: Identity) -> Reached | None:
 
 
 def note(folder: Path, identity: Identity, reached: Reached) -> None:
-    """Store the training's identity and progress after a checkpoint; raises StillwakeError if the file cannot be
-    written."""
+    """Store a training's identity and progress after a checkpoint. Raises StillwakeError if writing fails."""
     label = {
         "settings": json.loads(identity.settings),
         "dataset_sha256": identity.dataset_sha256,
@@ -168,8 +167,8 @@ class Checkpoints:
         return self.folder / f"{phase}.pt"
 
     def save(self, phase: Phase, state: Mapping[str, Any], reached: Reached | None = None) -> None:
-        """Write a phase's state (tensors and plain values) atomically, and note the training's progress if it is given.
-        Raises StillwakeError if a file cannot be written."""
+        """Write a phase's state (tensors and plain values) atomically, and store the training's progress if it is
+        given. Raises StillwakeError if a file cannot be written."""
         import torch
 
         body = {

@@ -15,8 +15,8 @@ The dynamics are unrolled k steps from the encoded z_t to predict latents. The t
 t+1 .. t+k; gradients flow through targets and predictions, so the encoder learns a predictable state. The VICReg terms
 act on the predictions and prevent a collapse of the latents.
 
-The paper has no L_decode. This term is L_force at h = 0, for the encoded latent. Without this term, an unroll of 20
-steps would train the decoder mostly on latents with the accumulated errors of many steps.
+The paper has no L_decode. This term is L_force before the first step, for the encoded latent. Without this term, an
+unroll of 20 steps would train the decoder mostly on latents with the accumulated errors of many steps.
 """
 
 import torch
@@ -29,7 +29,7 @@ from train.networks.samples import Batch
 
 class Encoder(nn.Module):
     """An LSTM over the window, then LayerNorm and a two-layer ELU perceptron on the LSTM's final hidden state. The slim
-    encoder is this network with fewer features. `torch.nn.LSTM` stores and initialises the LSTM's weights, but
+    encoder is this network with fewer features. `torch.nn.LSTM` stores and initialises the LSTM's weights, but on a CPU
     `train.networks.recurrence` evaluates the LSTM, because overlapping windows can share computations."""
 
     def __init__(self, sensors: int, config: ModelConfig) -> None:
@@ -45,8 +45,7 @@ class Encoder(nn.Module):
         return self.encode_segments(windows)[:, 0]
 
     def encode_segments(self, segments: Tensor) -> Tensor:
-        """Encode S segments of R consecutive rows (S, R, F) as latents (S, R - L + 1, N_z) at rows L-1 .. R-1 of each
-        segment."""
+        """Encode S segments of R rows (S, R, F) as latents (S, R - L + 1, N_z) at rows L-1 .. R-1 of each segment."""
         if segments.is_cuda:
             # On a GPU, cuDNN runs all steps of a window in one kernel, which is faster than sharing computations.
             unfolded = segments.unfold(1, self.window, 1).transpose(2, 3)

@@ -61,7 +61,7 @@ class _Recurrence(torch.autograd.Function):
             d_i, d_f, d_g, d_o = d_gates.view(4, width, size)
             tanh_c = squashed[step]
             torch.mul(d_hidden, tanh_c, out=d_o)
-            # The lines below compute dL/dc' += dL/dh' o (1 - tanh(c')^2).
+            # The lines below compute `dL/dc' += dL/dh' * o * (1 - tanh(c')^2)`.
             torch.mul(d_hidden, o, out=scratch)
             d_cell.add_(scratch).addcmul_(scratch.mul_(tanh_c), tanh_c, value=-1.0)
             torch.mul(d_cell, g, out=d_i)

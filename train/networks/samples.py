@@ -34,7 +34,7 @@ def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Sc
     pressure = np.concatenate([episode.series["Cp"] for episode in episodes])
     action = np.concatenate([episode.series["action"] for episode in episodes])
     drag, lift = (np.concatenate([episode.series[name] for episode in episodes]) for name in ("Cd", "Cl"))
-    # The check comes before the mirror images, which give a dead sensor's column another sensor's values.
+    # The check comes before the mirror images, because they fill a dead sensor's column with another sensor's values.
     for name, values in zip(layout.names, pressure.T, strict=True):
         _refuse_constant(f"sensor {name}", values)
     for name, values in (("action", action), ("Cd", drag), ("Cl", lift)):
@@ -67,10 +67,10 @@ class Rows:
         inputs: (n, N + 1) encoder rows.
         actions: (n,) a_k.
         forces: (n, 2) Cd, Cl.
-        lengths: rows of each episode, in order; the sum is n.
-        unit: (N,) global deviation of pressure in the unit of each sensor's column.
+        lengths: number of rows of each episode, in order; the sum is n.
+        unit: (N,) global deviation of the pressures, divided by each sensor's own standard deviation.
         layout: layout of the sensors, in the order of their columns.
-        names: names of each episode, in order.
+        names: name of each episode, in order.
     """
 
     inputs: Tensor
@@ -119,7 +119,7 @@ class Rows:
         )
 
     def noise(self, level: float) -> Tensor:
-        """Return the standard deviation of sensor noise in each sensor's column, (N,), for noise of `level` global
+        """Return the standard deviation of noise in each sensor's column, (N,), for noise of `level` global
         deviations."""
         return level * self.unit
 

@@ -22,17 +22,17 @@ RUN_PERIODS: Final = 900
 RAMP: Final = 40
 """Number of periods over which the speed changes from the design speed to a run's first speed."""
 CHANGE: Final = 1e-3
-"""Mean change of the speed in a period of a ramp, in design speeds. A vehicle's full range then takes 16 s."""
+"""Mean change of the speed in a period of a ramp, in design speeds. A ramp over the full range then takes 16 s."""
 SPEEDS_BEYOND: Final = 0.2
 """Distance by which a drawn speed may exceed the range of speeds, as a share of the range."""
 MOST_WRONG: Final = 0.12
 """Largest error of a told speed, as a share of the true speed."""
 DESIGN_SPEED_EVERY: Final = 8
-"""Every n-th run (n is this value) has the design speed, correctly told, because a release is judged first at it."""
+"""Every n-th run (n is this value) has the design speed, correctly told: a release is judged first at this speed."""
 RIGHT_SHARE: Final = 0.3
-"""Probability that the told speed is right in any other run."""
+"""Probability that the told speed is right in each of the other runs."""
 OFFSET: Final = 0.02
-"""Standard deviation, in Cp, of the offset of a pair's sum. Every run is used several times with other offsets."""
+"""Standard deviation, in Cp, of the random offset of a pair's sum. A run is used `COPIES` times, with new offsets."""
 COPIES: Final = 4
 EVERY: Final = 10
 """Number of periods between two equations of the regression; the means change little in this time."""
@@ -41,9 +41,9 @@ WEIGHT_COST: Final = 1e-3
 
 
 def wrong_speeds(number: int, slowest: float, fastest: float, *, seed: int) -> tuple[Array, Array]:
-    """Draw the speeds of the run with this number: steady parts and ramps within the range, and a constant ratio of
-    told to true speed. Returns the true speeds (n + 1,) at the samples of n control periods, in units of the design
-    speed and beginning with 1, and the ratios (n,) of told to true speed."""
+    """Draw the speeds of the run with this number: steady parts and ramps within the range, and a told speed with a
+    constant ratio to the true speed, limited to the range. Returns the true speeds (n + 1,) at the samples of n control
+    periods, in units of the design speed and beginning with 1, and the ratios (n,)."""
     if number % DESIGN_SPEED_EVERY == 0:
         return np.ones(RUN_PERIODS + 1), np.ones(RUN_PERIODS)
     rng = np.random.default_rng([seed, number])
@@ -94,7 +94,7 @@ def run(
 
 
 def fit(found: Sequence[tuple[Array, Array]], pairs: int, *, seed: int) -> tuple[Array, float]:
-    """Fit the weights of the estimate's terms to the inputs of all runs, by ridge regression.
+    """Fit the weights of the estimate's terms to the results of `run` for all runs, by ridge regression.
 
     Returns:
         The weights, and the rms error of the estimate in these runs.

@@ -2,9 +2,9 @@
 has the differences and the sums of the sensor pairs, and the action. In the mirror image of the flow, the action has
 the opposite sign.
 
-Fixed filters reduce the memory. The newest rows are used one by one. Older rows are used as weighted means; the weights
-are bumps that widen with age. The trained part is a layer of tanh units on the filtered differences and actions. The
-layer is scheduled by the vehicle's speed, the goal (`contract.controller.goal`) and the filtered sums of the sensor
+Fixed filters reduce the memory. The newest rows are used one by one. Older rows are used as weighted means, whose
+triangular weights widen with age. The trained part is a layer of tanh units on the filtered differences and actions.
+The layer is scheduled by the vehicle's speed, the goal (`contract.controller.goal`) and the filtered sums of the sensor
 pairs. The vehicle's program applies the same filters (`export.program.weights.PriorWeights`).
 """
 
@@ -26,7 +26,7 @@ FIRST_PAIR, OTHER_PAIRS = 1.7, 0.56
 """Scales of the Cp differences, for the first pair and for the other pairs. The unit is the standard deviation of the
 recorded Cp at one sensor of the pair."""
 ACTION: Final = 2.0 / 3.0
-"""Scale of the action, as a fraction of its limit."""
+"""Scale of the action, as a fraction of the action limit."""
 SUM: Final = 0.3
 """Scale of a pair's sum in Cp, after its mean is subtracted. Between the developed and the steady wake the sum changes
 by 0.4, behind the truck and also behind a square cylinder."""

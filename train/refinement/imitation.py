@@ -31,8 +31,8 @@ SLOWEST: Final = 0.5
 OPTIMISER_STEPS: Final = 400
 """Steps of the optimiser (L-BFGS)."""
 SMALL: Final = 1e-3
-"""Factor of the weights' mean squared change in the cost; the mean squared error of action / limit has the factor 1.
-This term determines the weights that the demonstrations leave open."""
+"""Factor in the cost for the mean squared change of the weights; the mean squared error of action / limit has the
+factor 1. The change's term determines the weights that the demonstrations leave open."""
 RIGHT: Final = 10.0
 """Weight of a demonstration with the right speed, relative to a demonstration with a wrong speed."""
 
@@ -42,8 +42,8 @@ class Watched:
     """A closed loop of n control periods.
 
     Attributes:
-        rows: (n, 2 p + 1) differences and sums of the sensor pairs, in Cp of the true speed, and the action that starts
-            in the period, in units of the design speed.
+        rows: (n, 2 p + 1) differences and sums of the sensor pairs in Cp, made dimensionless with the true speed, and
+            the action that starts in the period, in units of the design speed.
         speeds: (n,) true speeds in units of the design speed.
         Cd: (n,) drag coefficients after the periods.
     """
@@ -153,7 +153,7 @@ def imitate(feedback: Feedback, given: Sequence[Demonstration], goal: Goal, *, f
         faster: whether the weights for speeds above the design speed are fitted.
 
     Returns:
-        Root mean squares of the action's error and of the action, both divided by the action's limit.
+        The weighted rms error of the action, and the rms of the action, both divided by the release's action limit.
     """
     place = SPEED_PLACES[faster]
     speeds = np.concatenate([one.speeds for one in given])

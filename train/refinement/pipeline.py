@@ -68,11 +68,11 @@ def refine_model(
         flow: function that returns the plant with these sensors, and a developed wake without jets per stream.
         workers: function that runs an update's closed-loop intervals in parallel; if None, they run in turn.
         resume: whether an interrupted run is continued; if False, the run starts over.
-        begins_with: hashes of the model and of the flow's start by name; a run that began with others is not continued.
+        begins_with: hashes of the model and of the flow's start by name; a run with other hashes is not continued.
 
     Raises:
         ConfigError: the interrupted run has other settings, another model or another start; a price is too high.
-        DatasetError: the model was fitted to another recording, or the sensors are no pairs of mirror images.
+        DatasetError: the model was fitted to another recording, or the sensors are not pairs of mirror images.
         PlantError: the flow diverged.
         StillwakeError: a file cannot be written.
     """
@@ -155,7 +155,7 @@ def air_speed_of(
 def _begun(
     settings: Config, scales: tuple[float, ...], middles: tuple[float, ...], prior: Mapping[str, Array] | None
 ) -> Feedback:
-    """Return the initial feedback: the model's prior if its sizes fit, otherwise a feedback without control."""
+    """Return the initial feedback: the model's prior if its sizes fit, otherwise a feedback whose actions are 0."""
     size = settings.refine
     made = Feedback(size.memory, size.units, scales, middles, settings.flow.action_limit, settings.train.seed)
     if prior is None or "filters" not in prior:

@@ -1,8 +1,8 @@
 """The training of the feedback with gradients through the flow solver, by Adam, with averaged weights.
 
 A stream is a flow under the feedback; a stretch is an interval of a stream. Each update uses the next stretches of
-several streams. A stretch is about as long as the flow takes from the jets to the far end of the bubble and back to the
-base. The gradient of a stretch is exact. The cost of motion in the far wake represents the effects after the stretch.
+several streams. A stretch is about as long as the flow takes from the jets to the end of the recirculation bubble and
+back. The gradient of a stretch is exact. The cost of motion in the far wake represents the effects after the stretch.
 Streams begin in the developed wake and restart after some stretches, at different times, so that the training always
 includes both the transient from the developed wake and the controlled wake.
 """
@@ -44,7 +44,7 @@ SideBySide = Callable[[Sequence[Task]], Sequence[Done]]
 
 
 def done(task: Task, flow: DifferentiableFlow) -> Done:
-    """Run a stretch; raises PlantError as `differentiate` does."""
+    """Run a stretch and compute its gradients; raises PlantError as `differentiate` does."""
     task = replace(task, stream=replace(task.stream))
     task.feedback.zero_grad()
     stretch = differentiate(flow, task)
@@ -54,7 +54,7 @@ def done(task: Task, flow: DifferentiableFlow) -> Done:
 
 @contextmanager
 def side_by_side(workers: int, flow: Callable[[], DifferentiableFlow]) -> Iterator[SideBySide]:
-    """Start processes that each have their own plant, which `flow` creates."""
+    """Start processes, each with its own plant from `flow`; yield a function that runs tasks in these processes."""
     with process_pool(workers, partial(_begin, flow)) as pool:
         yield lambda tasks: list(pool.map(_run, tasks))
 
@@ -104,8 +104,8 @@ class Refined:
 
     Attributes:
         feedback: feedback with averaged weights.
-        stretches: an array (n, p + 1) for each of the newest stretches near the design speed; if there is none, at any
-            speed. Each of n control periods has a row: p pressure differences and the action.
+        stretches: an array (n, p + 1) for each of the newest stretches near the design speed, or at any speed if none
+            is near. Each of n control periods has a row: p pressure differences and the action.
         periods: number of control periods that the plant simulated.
     """
 
@@ -180,7 +180,7 @@ def refine(
     Args:
         make: function that returns the initial feedback.
         starts: developed wakes without jets, one for each stream.
-        deviations: (2 p,) standard deviations of Cp of the sensors in p pairs; they are the unit of sensor noise.
+        deviations: (2 p,) standard deviation of Cp at each sensor of p pairs, which is the unit of the sensor's noise.
         side_by_side: function that runs an update's stretches in parallel; if None, they run in turn on `flow`.
         seed: random seed of noise and starts. An update's draws depend only on the seed and the update's number.
     """
@@ -251,8 +251,7 @@ def _next_goal(settings: RefineConfig, rng: np.random.Generator) -> Goal:
 
 
 def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.random.Generator) -> StretchReadings:
-    """Draw the errors of sensors, speed and frames in a stretch; `speeds` (n,) are the flow's speeds in its n
-    periods."""
+    """Draw a stretch's errors of sensors, speed and frames; `speeds` (n,) are the flow's speeds in the n periods."""
     periods = len(speeds)
     # The square of a uniform draw makes low noise frequent.
     scale = settings.sensor_noise * rng.random() ** 2

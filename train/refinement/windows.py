@@ -23,7 +23,7 @@ ROUNDED: Final = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class Price:
-    """The weights of the cost of a period, Cd + lift |Cl| + motion Uy^2 + effort a^2. |Cl| is smoothed within
+    """The weights of the cost of a period, `Cd + lift * |Cl| + motion * Uy^2 + effort * a^2`. |Cl| is smoothed within
     `ROUNDED`. Uy, the transverse velocity at the wake probe, indicates drag after the stretch. a is the action in
     force."""
 
@@ -55,13 +55,13 @@ class StretchReadings:
 
 @dataclass(kw_only=True, eq=False)
 class Stream:
-    """A flow that the feedback controls over several stretches. Speeds and `committed` are in units of the design
-    speed.
+    """A flow that the feedback controls over several stretches (intervals). Speeds and `committed` are in units of the
+    design speed.
 
     Attributes:
         rows: (n, 2 p + 1), oldest first. A row has p differences and p sums of the sensor pairs, and the action that
             started in the period. The present sample's row is added later. n is the feedback's memory M, or larger if
-            the speed may be below the design speed.
+            the speed may be below the design speed, because rows are then resampled.
         speeds: (n,) speeds that the feedback received with these rows.
         speed: present speed of the flow.
         committed: the action of the next period.
@@ -166,7 +166,7 @@ def closed_loop(
     speeds: Array,
     action_limit: float,
 ) -> ClosedLoop:
-    """Run a stretch and advance the stream, without a gradient. Arguments are as in `Task`, errors as in
+    """Run a stretch and advance the stream, without the backward pass. Arguments are as in `Task`, errors as in
     `differentiate`."""
     pairs = feedback.pairs
     rows: list[Tensor] = list(torch.from_numpy(stream.rows[1:]))
@@ -222,7 +222,7 @@ def read(rows: Tensor, speeds: Sequence[float], memory: int) -> Tensor:
 
 
 def _followed(rows: Tensor, speeds: Sequence[float]) -> Tensor:
-    """Return the rows after the differences and sums were filtered as on the vehicle
+    """Return the rows with differences and sums filtered as on the vehicle
     (`contract.controller.resampling.followed`)."""
     if min(speeds) >= 1.0:
         return rows

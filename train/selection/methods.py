@@ -1,13 +1,13 @@
-"""The selection methods. Each takes an encoder, rows and a number of sensors, and returns the chosen sensors' names.
+"""The selection methods. `select` takes an encoder, rows and a number of sensors, and returns the chosen names.
 
-A ridge student is fitted in milliseconds: ridge regression of the teacher's latents on lags of a few sensors. It
-replaces the slim encoder where thousands of choices are compared, too many to distil an encoder for each. The fit uses
-n windows with centred lags X (n, F) and centred latents Z (n, N_z). The student's weights are
+A ridge student is a ridge regression of the teacher's latents on delayed readings (lags) of a few sensors. It is fitted
+in milliseconds, so it replaces the slim encoder where thousands of choices are compared. The fit uses n windows with
+centred lags X (n, F) and centred latents Z (n, N_z). The student's weights are
 
     W = (X'X/n + lambda I)^-1 X'Z/n
 
-The student's error is the unexplained fraction of the latents of other windows. Weights and error need only the
-products of all lags, which are computed once; the error of a choice needs only a small block of these products.
+The student's error is the unexplained fraction of the latents' mean square in other windows. Weights and error need
+only products of lags. The products of all lags are computed once; a choice needs a small block of these.
 """
 
 from collections.abc import Sequence
@@ -48,7 +48,7 @@ def sample(encoder: Encoder, rows: Rows, seed: int) -> tuple[tuple[Array, Array]
     firsts = rows.first_rows(encoder.window)
     total = min(len(firsts), FITTED + JUDGED)
     if total < 6:
-        raise DatasetError(f"recording has {total} windows, too few to fit and judge a student: must be at least 6")
+        raise DatasetError(f"recording has {total} windows, too few to fit and test a regression: must be at least 6")
     drawn = np.random.default_rng(seed).choice(firsts, total, replace=False)
     inputs, latents = [], []
     with torch.no_grad():
@@ -90,7 +90,7 @@ class RidgeStudent:
         return len(self.noise_power) - 1
 
     def error(self, chosen: Sequence[int]) -> float:
-        """Return the fraction of the test latents' mean square that chosen sensors and action do not explain."""
+        """Return the fraction of the test latents' mean square that the chosen sensors and action do not explain."""
         columns = np.append(np.asarray(chosen, dtype=np.intp), self.sensors)
         places = (columns[:, None] * self.lags + np.arange(self.lags)).ravel()
         block = np.ix_(places, places)
@@ -103,7 +103,7 @@ class RidgeStudent:
 
 
 def ridge_student(encoder: Encoder, rows: Rows, seed: int, sensor_noise: float = 0.0) -> RidgeStudent:
-    """Compute the student of an encoder, with windows drawn by `seed` and with sensor noise of the given level. White
+    """Compute the student of an encoder from windows drawn with `seed`, for sensor noise of the given level. White
     noise only adds its power to the diagonal of the lags' products, so no noise is drawn. Raises DatasetError if there
     are too few windows, or all their latents are equal."""
     (x, z), (judged_x, judged_z) = sample(encoder, rows, seed)
@@ -152,15 +152,15 @@ def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:
 
 
 def _sorted(wanted: Mask, by: Array) -> list[int]:
-    """Return the columns that are `wanted`, in rising order of their values in `by`."""
+    """Return the columns that are `wanted`, in increasing order of their values in `by`."""
     columns = np.flatnonzero(wanted)
     return [int(column) for column in columns[np.argsort(by[columns], kind="stable")]]
 
 
 def select_qr(rows: Rows, count: int) -> tuple[int, ...]:
-    """Compute a QR decomposition of the transposed leading POD modes; return its first `count` pivots, in order. These
-    sensors are chosen to reconstruct the pressure field, not the latents: each pivot is the sensor whose row of the
-    modes is longest after the components along the earlier pivots are removed (Manohar, Brunton, Kutz and Brunton,
+    """Return the first `count` pivots of a QR decomposition of the transposed leading POD modes, in order. The aim is
+    to reconstruct the pressure field, not the latents. Each pivot is the sensor whose row of the modes has the largest
+    norm after its components along the earlier pivots' rows are removed (Manohar, Brunton, Kutz and Brunton,
     "Data-driven sparse sensor placement for reconstruction", IEEE Control Systems Magazine 38, 2018)."""
     pressure = rows.inputs[:, : rows.sensors].cpu().numpy().astype(np.float64)
     pressure -= pressure.mean(axis=0)
@@ -172,8 +172,8 @@ def select_qr(rows: Rows, count: int) -> tuple[int, ...]:
 
 
 def select_greedy(student: RidgeStudent, count: int, *, progress: Progress = silent) -> tuple[int, ...]:
-    """Return the indices of sensors that are chosen one after the other, in this order. Each choice reduces the
-    student's error most; among equally good sensors the first sensor is chosen."""
+    """Choose sensors one after the other; return their indices in this order. Each new sensor reduces the student's
+    error most; of equally good sensors the first is chosen."""
     chosen: tuple[int, ...] = ()
     for place in range(count):
         errors = {index: student.error((*chosen, index)) for index in range(student.sensors) if index not in chosen}
@@ -215,9 +215,9 @@ def select(
     """Return the names of the chosen sensors, in the method's order, from rows with all sensors' columns.
 
     "qr": pivots of the pressures' POD modes. "greedy": forward selection with the ridge student. "random": the best of
-    `RANDOM_DRAWS` choices according to the ridge student. "hand": by position alone. The ranking of "shap" is
-    `train.selection.shap_ranking`. The method uses only seed and noise from the settings. Raises ConfigError for too
-    few sensors, or "hand" if the sensors have no mirror images or no base; DatasetError if `rows` has too few windows.
+    `RANDOM_DRAWS` choices according to the ridge student. "hand": by position alone. The ranking for "shap" is in
+    `train.selection.shap_ranking`. Only seed and sensor noise of the settings are used. Raises ConfigError for a
+    `count` out of range, or "hand" without mirror images or base sensors; DatasetError if `rows` has too few windows.
     """
     check_count(count, rows.sensors)
     if method == "qr":

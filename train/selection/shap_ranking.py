@@ -1,5 +1,5 @@
-"""The paper's ranking of the sensors by their influence on the encoder: scores, best sensors, and their stability over
-repeated rankings (section 2.3.1 and appendix C).
+"""The paper's ranking of the sensors by their influence on the encoder: scores, the set of best sensors, and the set's
+stability over repeated rankings (section 2.3.1 and appendix C).
 """
 
 import copy
@@ -89,7 +89,7 @@ class SensorChoice:
     Attributes:
         method: "shap.GradientExplainer", another `contract.config.learning.SelectionMethod`, or "given".
         repeats: number of repeats of the ranking.
-        order: names of sensors: for SHAP the names of all sensors, best first; for the other methods the chosen names.
+        order: for SHAP the names of all sensors, best first; for the other methods the names of the chosen sensors.
         mean, std: (N,) mean and standard deviation of the N sensors' scores over the repeats.
         stable: whether the best set is equal in all repeats, by size of the set.
         differences: `Ranking.differences` by size of the set.
@@ -120,7 +120,7 @@ class SensorChoice:
 
 
 def rank(encoder: Encoder, rows: Rows, settings: TrainConfig, *, progress: Progress = silent) -> Ranking:
-    """Score the sensors `train.shap_repeats` times with independent draws, and store every score. Raises DatasetError
+    """Score the sensors `train.shap_repeats` times with independent draws, and return all scores. Raises DatasetError
     as `shap_scores` does."""
     scores = []
     for repeat in range(settings.shap_repeats):

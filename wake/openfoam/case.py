@@ -121,8 +121,8 @@ def sensor_weights(mesh: Mesh) -> Array:
 
 
 def slot_shares(cells: int) -> Array:
-    """Return the fractions of a slot's flow that pass through its equal faces, (cells,). They are exact integrals of
-    the jet's parabolic profile."""
+    """Return the fractions of a slot's flow that pass through its `cells` equally long faces, (cells,). They are exact
+    integrals of the jet's parabolic profile."""
     s = np.linspace(0.0, 1.0, cells + 1)
     return np.diff(s**2 * (3.0 - 2.0 * s))
 

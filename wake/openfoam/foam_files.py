@@ -56,7 +56,7 @@ def _value(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return repr(float(value))  # NumPy writes its numbers with their type
+        return repr(float(value))  # the repr of a NumPy number contains the type
     if isinstance(value, tuple | list):
         return f"({' '.join(_value(item) for item in value)})"
     return str(value)
@@ -136,7 +136,7 @@ def scaled(content: bytes, factor: float) -> bytes:
 
 
 def latest(folder: Path) -> Path | None:
-    """Return the folder of the latest time after 0 that has all fields; None if there is no such folder."""
+    """Return the folder of the latest time after 0 with a stored pressure; None if there is no such folder."""
     times = [
         (float(item.name), item) for item in folder.iterdir() if _TIME.fullmatch(item.name) and (item / "p").is_file()
     ]

@@ -66,13 +66,12 @@ class Mesh:
         return np.asarray(np.column_stack(moments) / (3.0 * cross.sum(axis=1))[:, None])
 
     def patch_centres(self, name: str) -> Array:
-        """Midpoints of a patch's edges, (k, 2)."""
+        """Return the midpoints of a patch's edges, (k, 2)."""
         return np.asarray(self.points[self.patches[name]].mean(axis=1))
 
 
 def truck_mesh(refinement: float = 1.0) -> Mesh:
-    """Build the mesh; every spacing is divided by `refinement`. Raises ConfigError if a slot has fewer than two
-    cells."""
+    """Build the mesh; spacings are divided by `refinement`. Raises ConfigError if a slot has fewer than two cells."""
     slot_cells = len(graded_faces(_ACROSS, HALF_WIDTH - JET_WIDTH, HALF_WIDTH, refinement)) - 1
     if slot_cells < 2:
         raise ConfigError(f"refinement = {refinement}: gives {slot_cells} cells per slot, must give at least 2")

@@ -43,7 +43,7 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         duration: longest time that can be run after a `reset`, in t_c.
 
     Attributes:
-        wind: a function of time that returns by how much the wind exceeds U_inf; None if it is steady. States do
+        wind: a function of time that returns by how much the wind exceeds U_inf; None if the wind is steady. States do
             not hold the wind.
     """
 
@@ -149,7 +149,7 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
 
     def sample(self) -> Sample:
         now, before, earlier = (self._stream(self._substep - ago) for ago in range(3))
-        # The derivative follows icoFoam's time scheme, so that it fits icoFoam's pressures.
+        # The derivative uses icoFoam's time scheme, so that it is consistent with icoFoam's pressures.
         acceleration = (3.0 * now - 4.0 * before + earlier) / (2.0 * self.dt)
         return self._instruments.sample(self._readings, t=self.t, action=self._action, acceleration=acceleration)
 
@@ -165,12 +165,12 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         self.reset(scaled(self.state(), ratio))
 
     def vorticity(self) -> Array:
-        """Return dv/dx - du/dy at the corners of `grid`, as `TruckWake.vorticity` does. It is only available at the end
+        """Return dv/dx - du/dy at the corners of `grid`, as `TruckWake.vorticity` does. Raises PlantError in the middle
         of a control period."""
         grid = self.grid
         velocity, points = self.state().velocity, np.stack(np.meshgrid(grid.xc, grid.yc, indexing="ij"), axis=-1)
         at_points = LinearNDInterpolator(self._triangles, velocity)(points)
-        # Outside the triangles between the cells' centres, the value of the nearest cell holds.
+        # Outside the triangles between the cells' centres, the value of the nearest cell is used.
         outside = np.isnan(at_points[..., 0])
         at_points[outside] = NearestNDInterpolator(self.mesh.centres, velocity)(points[outside])
         u, v = np.moveaxis(at_points, 2, 0)

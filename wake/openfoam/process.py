@@ -46,7 +46,7 @@ _POLL_S: Final = (2e-4, 5e-3)
 
 class IcoFoam(NeverCopied):
     """A run of icoFoam on a case; its output goes to the case's `log.icoFoam`. A case with pipes (`case.write_pipes`)
-    runs step by step: `send` takes a step. Raises PlantError if icoFoam is not installed.
+    runs step by step: each call of `send` starts a step. Raises PlantError if icoFoam is not installed.
 
     Args:
         mesh: the mesh of a case with pipes.

@@ -1,4 +1,4 @@
-"""A state from which an icoFoam run can continue: its field files, the measurements at that time, and the jets.
+"""A state from which an icoFoam run can continue: field files, measurements at that time, and the jets' action.
 
 icoFoam computes the wake without jets only once. The result is stored, and closed-loop runs start from this state.
 """

@@ -183,7 +183,7 @@ def draw_mean(
 
 
 def check_suffix(path: Path) -> None:
-    """Raise ConfigError if the name does not end in .png, .pdf or .svg."""
+    """Raise ConfigError if the path does not end in .png, .pdf or .svg, or is a folder."""
     if path.suffix.lower() not in PICTURES or path.is_dir():
         raise ConfigError(f"{path}: must be a file ending in {', '.join(PICTURES)}")
 
@@ -285,7 +285,7 @@ def animate(
     if not 1 <= fps <= FASTEST:
         raise ConfigError(f"fps = {fps}: must be between 1 and {FASTEST}")
     if every < 1 or not 0 <= skip <= len(actions):
-        raise ConfigError(f"every = {every}, skip = {skip}: must be at least 1, and between 0 and {len(actions)} steps")
+        raise ConfigError(f"every = {every} must be at least 1, skip = {skip} must be between 0 and {len(actions)}")
     frames = _frames(picture, wake, actions, skip, every, progress)
     is_gif, each = path.suffix.lower() == ".gif", round(1000 / fps)
     if is_gif:

@@ -1,6 +1,6 @@
 """The fields of a flow for pictures: values in the cell centres, averages over time, and an interpolation to pixels.
 
-The picture in levels is for the live page, the run folder and the report. Levels are small integers. Levels take little
+The live page, the run folder and the report use a picture in levels. A level is a small integer. Levels take little
 space, and the page that shows the picture chooses the colours.
 """
 
@@ -51,8 +51,8 @@ def mean_flow(
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Raster:
     """A linear interpolation from the nodes of a tensor grid to square pixels. The pixels' centres are x (width,) and y
-    (height,), in rising order. `across` (width, len(nodes_x)) and `up` (height, len(nodes_y)) hold the weights of the
-    nodes for each pixel."""
+    (height,), in increasing order. `across` (width, len(nodes_x)) and `up` (height, len(nodes_y)) hold the weights of
+    the nodes for each pixel."""
 
     x: Array
     y: Array
@@ -91,9 +91,8 @@ TOP: Final = 127
 
 
 def field_levels(vorticity: Array) -> Levels:
-    """Return the levels of the vorticity w: sign(w) (|w| / FIELD_LEVEL)^(1/2) TOP, clipped. The root makes weak
-    vortices far downstream visible. Row 0 of w, (height, width), is at the bottom; row 0 of the levels is at the
-    top."""
+    """Return the levels of the vorticity w: `sign(w) * sqrt(|w| / FIELD_LEVEL) * TOP`, clipped. The root makes weak,
+    distant vortices visible. Row 0 of w, (height, width), is at the bottom; row 0 of the levels is at the top."""
     # Memory access takes most of the time, so computing in place and in float32 is three times as fast.
     squares = np.asarray(vorticity[::-1], dtype=np.float32) * np.float32(TOP**2 / FIELD_LEVEL)
     np.clip(squares, -float(TOP**2), float(TOP**2), out=squares)

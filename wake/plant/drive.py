@@ -3,7 +3,7 @@
 The plant computes in units of one speed U, the speed of the operating point. At a vehicle speed v the free stream is v
 / U; viscosity, size and control period do not change. A gust is a head wind that varies in time and is uniform far from
 the body. A gust is computed as a change of the body's speed through the air (`wake.solver.navier_stokes`), so that
-pressures remain relative to the free stream. Forces and pressures are made dimensionless with the mean U_inf.
+pressures remain relative to the free stream. Forces and pressures are made dimensionless with U alone.
 """
 
 import csv
@@ -26,7 +26,7 @@ Wind = Callable[[float], float]
 @dataclass(frozen=True, kw_only=True)
 class Gust:
     """A wind that oscillates sinusoidally about U_inf. The amplitude is in U_inf; the period and the start are in t_c.
-    `cycles` is a whole number, so that the gust begins and ends at U_inf."""
+    `cycles` is a whole number, so that the gust ends at U_inf, or infinite."""
 
     amplitude: float
     period: float
@@ -62,9 +62,9 @@ class Drive:
 
     Attributes:
         name: name of the profile or of the user's file.
-        times, speeds: instants in s, rising, and the speed in m/s at each instant.
-        gust: wind that is added to the vehicle's speed. Its times are in t_c at the speed U and start at the drive's
-            first instant.
+        times, speeds: increasing instants in s, and the speed in m/s at each instant.
+        gust: wind that is added to the vehicle's speed. Its times are in t_c = W / U, counted from the drive's first
+            instant.
     """
 
     name: str
@@ -90,8 +90,8 @@ class Drive:
         return replace(self, times=tuple(t + seconds for t in self.times))
 
     def wind(self, point: OperatingPoint, begin: float = 0.0) -> Wind:
-        """Return a function of the plant's time that gives by how much the stream exceeds U. The drive starts when the
-        plant's clock shows `begin`, in t_c."""
+        """Return a function of the plant's time that gives by how much the stream exceeds U. The drive's time zero is
+        the plant's time `begin`, in t_c."""
         # A partial is used instead of a closure, so that a plant with this wind can be pickled.
         return partial(self._exceeds, point, begin)
 

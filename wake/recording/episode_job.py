@@ -44,8 +44,7 @@ class PartsFolder:
 
     @classmethod
     def for_output(cls, output: Path) -> "PartsFolder":
-        """Return the folder for `output`. The folder's path is absolute, because workers may have another working
-        directory."""
+        """Return the folder for `output`, as an absolute path, because workers may have another working directory."""
         output = output.absolute()
         return cls(output.with_name(output.name + ".parts"))
 
@@ -99,8 +98,7 @@ class PartsFolder:
         return task
 
     def clear(self) -> None:
-        """Remove the folder. If the process is killed meanwhile, the folder exists either with all its contents or not
-        at all."""
+        """Remove the folder. If the process is killed meanwhile, the folder is either complete or absent."""
         shutil.rmtree(self._done, ignore_errors=True)
         self.path.replace(self._done)
         shutil.rmtree(self._done)
@@ -127,7 +125,7 @@ Series = Mapping[str, npt.NDArray[np.float64]]
 
 _KEPT_STATES: Final = 2
 """Number of states that are stored for an episode. One state is enough to continue. A second state is needed because a
-worker of an earlier, dead recording may finish its last block while a new recording starts."""
+worker of a killed recording may still be running, and may write one more block while a new recording starts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,7 +187,7 @@ def _load(path: Path, names: Mapping[str, str] | tuple[str, ...]) -> dict[str, n
         data = read_npz(path)
         return {name: data[name] for name in names}
     except (OSError, ValueError) as error:
-        raise StillwakeError(f"{path}: damaged block ({error}); delete it to record it again") from error
+        raise StillwakeError(f"{path}: damaged block ({error}); delete this file to record the block again") from error
 
 
 class Policy(Protocol):
@@ -205,8 +203,8 @@ class Policy(Protocol):
 
         Args:
             memory: memory that the previous step returned.
-            Cp: wall pressures at t_k, (90,).
-            action: action in force at t_k, a_{k-1} after clipping, in U_inf W.
+            Cp: pressure coefficients of all n sensors at t_k, (n,).
+            action: action in force at t_k, in U_inf W; this is the previous step's action a_{k-1} after clipping.
         """
 
 
@@ -237,7 +235,7 @@ class EpisodeJob:
         block_steps: number of control steps between two writes to disk.
         setting: all settings that the samples depend on; see `setting_of`.
         policy: function that builds the controller; by default, only the plan's signal drives the jets.
-        start: absolute path of the state from which the steps without forcing start; None means the shipped state.
+        start: absolute path of the flow state in which the plan's `lead` begins; None means the shipped state.
     """
 
     parts: PartsFolder
@@ -262,7 +260,7 @@ class EpisodeJob:
             raise StillwakeError(f"{platform.node()} does not find {self.parts.path}: it must be in a shared folder")
         mine = setting_of(self.config, self.plan.packages, self.start)
         if mine != self.setting:
-            raise StillwakeError(f"{platform.node()} has other values of {differing(mine, self.setting)}")
+            raise StillwakeError(f"{platform.node()} differs from the caller in {differing(mine, self.setting)}")
         plan, blocks = self.plan, self.blocks
         if blocks.finished == plan.steps:
             return
@@ -279,7 +277,7 @@ class EpisodeJob:
                 sample = wake.advance(0.0)
         while first < plan.steps:
             if not self.parts.is_owned_by(self.owner):
-                raise StillwakeError(f"{self.parts.path}: stopped, or taken over by another call")
+                raise StillwakeError(f"{self.parts.path}: the recording was stopped, or taken over by another call")
             block = signal[first : first + self.block_steps]
             series, sample, memory = _advance(wake, sample, policy, memory, block)
             blocks.add(series, wake.state(), memory)

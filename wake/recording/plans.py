@@ -1,10 +1,10 @@
 """The open-loop forcing signals (paper, section 2.1), the exploration noise, and the plans of a recording's episodes.
 
-A round is a set of episodes that is added to a data set. Its episodes run under a controller or from the steady wake. A
-round under a controller adds the flow states that the controller of the last round reaches (DAgger: Ross, Gordon and
-Bagnell 2011). Calm episodes begin at the steady wake. Small random actions disturb this wake, and the disturbances grow
-until vortices are shed. The amplitude of the actions differs between episodes. A model that is trained without calm
-episodes predicts a wrong growth, because no other episode comes near the steady wake.
+A round is a set of episodes that is added to a data set. Its episodes run under a controller, or start from the steady
+wake. A round under a controller adds the flow states that the controller of the last round reaches (DAgger: Ross,
+Gordon and Bagnell 2011). Calm episodes begin at the steady wake. Small random actions disturb this wake, and the
+disturbances grow until vortices are shed. The amplitude of the actions differs between episodes. A model that is
+trained without calm episodes predicts this growth wrongly, because no other episode comes near the steady wake.
 """
 
 from collections.abc import Callable, Mapping
@@ -27,8 +27,8 @@ ForcingName = Literal["training", "chirp", "extended_chirp", "none"]
 
 def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
     """Compute the training waveform, (steps,), in U_inf W. The carrier's frequency is near the shedding frequency and
-    varies with noise. The noise is low-pass filtered and divided by its largest magnitude. The amplitude follows a slow
-    sinusoid up to 1 + depth, so the strongest part of the signal is clipped and explores the full amplitude."""
+    varies with noise. The noise is low-pass filtered and divided by its largest magnitude. The amplitude varies slowly
+    and sinusoidally, up to 1 + depth. So the strongest parts are clipped, and the full amplitude is explored."""
     dt = flow.control_period
     # The filter starts from zero, so its output is discarded until the time 4 / (cut-off frequency).
     settle = int(4.0 / (forcing.modulation_cutoff * dt))
@@ -48,7 +48,7 @@ def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.rando
 
 def sine(steps: int, flow: FlowConfig, *, amplitude: float, frequency: float) -> Array:
     """Compute a sine that rises from zero, (steps,), in U_inf W; the frequency is in 1/t_c. Raises ConfigError if the
-    amplitude exceeds the bound, or if the frequency is not positive or exceeds the control steps' Nyquist frequency."""
+    amplitude exceeds the bound, or if the frequency is not between 0 and half the control rate."""
     if not 0.0 <= amplitude <= flow.action_limit:
         raise ConfigError(f"amplitude = {amplitude}: must be between 0 and {flow.action_limit}")
     highest = 0.5 / flow.control_period
@@ -114,8 +114,8 @@ class EpisodePlan:
 
     @property
     def role(self) -> Role:
-        """The use of the episode. The paper tests on the chirp and trains on the other episodes; its appendix A also
-        tests on the extended chirp."""
+        """The use of the episode. The paper trains on "training" and "none", and tests on the chirp; its appendix A
+        also tests on the extended chirp."""
         return _ROLES[self.forcing]
 
     @property
@@ -209,7 +209,7 @@ class RoundPlan:
 
 
 Plan = EpisodePlan | RoundPlan
-"""The plan of one episode. Two plans of a recording differ in at least one field."""
+"""The plan of one episode. No two plans of a recording are equal."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -31,20 +31,19 @@ from wake.recording.plans import CalmRound, ControlledRound, EpisodePlan, Plan
 from wake.truck.truck_wake import TruckWake
 
 _NOT_COMPARED: Final = "versions"
-"""Name of the entry with the software's versions. This entry is not compared, because a recording is valid with any
-versions."""
+"""Name of the entry with the software's versions. It is not compared: a recording is valid with any versions."""
 
 
 def is_finished(output: Path, jobs: Sequence[EpisodeJob]) -> bool:
     """Return whether the file exists and holds all episodes of the jobs, recorded with equal settings. Episodes that
-    later rounds have added are not compared. Raises OutputError, with the first difference, if the file holds another
-    recording."""
+    later rounds have added are not compared. Raises OutputError if the file cannot be read, or (with the first
+    difference) holds another recording."""
     if not output.exists():
         return False
     try:
         there = read(output).episodes
     except DatasetError as error:
-        raise OutputError(f"{output}: holds a file that cannot be read ({error}); {_WAYS}") from error
+        raise OutputError(f"{output}: exists, but cannot be read ({error}); {_WAYS}") from error
     difference = _difference(there, jobs)
     if difference:
         raise OutputError(f"{output}: holds another recording ({difference}); {_WAYS}")
@@ -100,9 +99,9 @@ def record(
     Args:
         plans: episodes, in their order in the file.
         workers: number of processes on this machine; with 1, episodes are recorded one after another in this process.
-        scheduler: address of a dask scheduler whose workers record instead. They need the folder of `output` at the
-            same path.
-        progress: called once for every episode at the start, and then after each block of the episode.
+        scheduler: address of a dask scheduler whose workers record instead. The folder of `output` must have the same
+            path on every worker.
+        progress: called once for every episode at the beginning, and then after each block of an episode.
         notice: called with a line of text when a worker was lost or has joined.
         block_steps: number of control steps between two writes to disk.
         start: file of the flow state in which episodes begin; None means the shipped state. Workers read this path.
@@ -111,7 +110,7 @@ def record(
     Raises:
         OutputError: if there is a file of other plans or settings, and `overwrite` is False.
         StillwakeError: if the output cannot be written, stored parts have other plans or settings, or workers fail.
-        PlantError: if the flow diverges.
+        PlantError: if the flow diverges, or cannot start in `start`.
     """
     wanted = jobs_for(output, plans, config, block_steps=block_steps, start=start)
     if not overwrite and is_finished(output, wanted):
@@ -167,8 +166,8 @@ def finished_jobs(
     progress: EpisodeProgress,
     notice: Callable[[str], None],
 ) -> Iterator[Sequence[EpisodeJob]]:
-    """Record the missing blocks of a call's jobs, and yield the jobs. The caller then stores the jobs' episodes. If the
-    caller raises no error, the parts of the jobs are then removed. Arguments and errors are as for `record`."""
+    """Record the missing blocks of a call's jobs, and yield the jobs. The `with` block stores the jobs' episodes. If it
+    raises no error, the parts of the jobs are then removed. Arguments and errors are as for `record`."""
     parts, config = jobs[0].parts, jobs[0].config
     missing = [folder for folder in parts.path.parents if not folder.exists()]
     parts.claim(task_of(jobs), jobs[0].owner)
@@ -222,7 +221,7 @@ def run_parallel(
 
     def check_arrived(job: EpisodeJob) -> None:
         if job.blocks.finished < job.plan.steps:
-            raise StillwakeError(f"episode {job.plan.name}: its worker's blocks do not arrive in {job.blocks.folder}")
+            raise StillwakeError(f"episode {job.plan.name}: its worker's blocks are missing in {job.blocks.folder}")
 
     spread(
         sorted(jobs, key=lambda job: job.blocks.finished - job.plan.steps),
@@ -257,7 +256,7 @@ def record_round(
     number: one more than the highest number in the file.
 
     If a call was interrupted, the next call continues its work. If the interrupted call had already added its round,
-    the next call only removes the parts. Raises DatasetError before recording if the file is no data set, or was
+    the next call only removes the parts. Raises DatasetError before recording if the file is not a data set, or was
     recorded with another schema or flow; StillwakeError and PlantError as `record` does, or the controller's error.
     `policy` builds the controller in each recording process; without it, only the plans' signals act. The other
     parameters are as for `record`.

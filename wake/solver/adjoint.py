@@ -1,6 +1,6 @@
 """The adjoint of the flow solver: the exact transpose of the discrete step, except for rounding. For a scalar that
-depends on later flows, it gives the sensitivities to an earlier flow and to the actions. The projection's operator is
-symmetric, so solver and adjoint use the same Poisson solver.
+depends on later flows, the adjoint gives the sensitivities to an earlier flow and to the actions. The projection's
+operator is symmetric, so solver and adjoint use the same Poisson solver.
 
 The compiled inner loops are the transposes of `wake.solver.kernels`, linearised about a flow. The word `bar` in a name
 denotes sensitivities. A sensitivity is the derivative of the scalar with respect to a value. Each kernel reads the
@@ -26,8 +26,8 @@ from wake.solver.navier_stokes import A, B, FlowSolver, gusting, stage_ends
 
 @compiled()
 def _across(dy: Array, dyc: Array, nu: float) -> tuple[Array, Array]:
-    """Return coefficients along y: an array for u and an array for v. Coefficients of neighbours outside the domain are
-    zero.
+    """Return the stencils' coefficients in y: an array for u and an array for v. Coefficients of neighbours outside the
+    domain are zero.
 
     The array for u, (4, ny + 2), has a column for each padded column of u: 1 / (2 dy), the diffusion coefficients to
     the north and to the south, and minus the sum of these coefficients. The array for v, (7, ny + 1), has a column for
@@ -55,8 +55,8 @@ def back_rates(bar: Flow, gained: Pair[Array], u: Array, v: Array, nu: float, sp
     """Propagate sensitivities from du/dt and dv/dt (`gained`, zero on faces that are not open) to u, v and p.
 
     The loops run row by row in x, and collect for each entry of u, v and p its effects on all rates. Loops over the
-    rates that add to the entries around each rate would take twice the time. A loop uses at most eight arrays, because
-    the compiler does not vectorise loops with more arrays.
+    rates, with additions to the entries around each rate, would take twice the time. A loop uses at most eight arrays,
+    because the compiler does not vectorise loops with more arrays.
     """
     gu, gv = gained.u, gained.v
     real, nx, ny = u.dtype.type, u.shape[0] - 2, u.shape[1] - 2
@@ -167,8 +167,8 @@ def back_edges(u: Array, v: Array) -> None:
 
 @compiled("contract")
 def _back_step(q: Array, bar: Array, step: float, a: float, runs: Index, pad_i: int, pad_j: int) -> None:
-    """Compute q = a q + step bar on the open faces. The result is the sensitivities to a stage's rates: `step bar` is
-    the rates' effect through this stage's velocity, and `a q` is their effect through the next stage's rates."""
+    """Compute `q = a * q + step * bar` on the open faces: the sensitivities to a stage's rates. `step * bar` is the
+    rates' effect through this stage's velocity, and `a * q` is their effect through the next stage's rates."""
     step, a = q.dtype.type(step), q.dtype.type(a)
     for r in range(runs.shape[0]):
         i, j0, j1 = runs[r, 0] + pad_i, runs[r, 1] + pad_j, runs[r, 2] + pad_j

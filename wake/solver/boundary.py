@@ -3,10 +3,10 @@
 A face between two fluid cells is open: its velocity is a solution of the momentum equation. Every other face in the
 stencil of an open face is a ghost. Its value comes from a parabola along the wall's normal. The parabola is zero on the
 exact wall and passes through two image points in the flow, where the velocity is interpolated bilinearly between open
-faces. On a wall along the grid lines, a reflection in one point replaces the parabola.
+faces. On a wall along the grid lines, a straight line from zero on the wall to one open face replaces the parabola.
 
-In the mass balance a ghost carries no flow, so the mass balance sees a staircase wall. The method is still of second
-order, because the volume flow within one cell of a no-slip wall is proportional to the distance squared.
+In the mass balance a ghost carries no flow, so there the wall is a staircase. The method is still of second order,
+because the volume flow within one cell of a no-slip wall is proportional to the distance squared.
 """
 
 from collections.abc import Callable
@@ -105,7 +105,7 @@ def _ghosts(grid: Grid, component: Component, open_faces: Mask, touched: Mask, d
         at_wall = abs(float(distance(x[i], y[j]))) < _ON_WALL
         at_edge = i in (0, open_faces.shape[0] - 1) if component == "u" else j in (0, open_faces.shape[1] - 1)
         if at_wall or at_edge:
-            continue  # such faces keep their normal velocity, inflow or outflow
+            continue  # the boundary conditions set the velocity on such faces
         target.append(index[i, j])
         for face, w in _parabola(x, y, int(i), int(j), open_faces, distance):
             source.append(index[face])

@@ -9,8 +9,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def compiled(*fastmath: str) -> Callable[[F], F]:
-    """Return a decorator that compiles a function, which then runs without Python's lock. `fastmath` are LLVM's flags
-    for its sums and products.
+    """Return a decorator that compiles a function, which then runs without Python's global interpreter lock. `fastmath`
+    are LLVM's flags for floating-point operations.
 
     Compiled code is kept beside the function's file, or in the user's cache folder. If neither folder can be written,
     as in a read-only container without a home, each process compiles the function again.

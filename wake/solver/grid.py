@@ -1,7 +1,7 @@
 """A stretched tensor grid around a box such as the truck, with faces on every straight wall and slot edge.
 
 The grid is staggered: p is in cell centres (nx, ny), u on x-faces (nx + 1, ny), v on y-faces (nx, ny + 1). The grid is
-symmetric in y and has an even number of rows, so that the flow splits into exact even and odd halves.
+symmetric in y and has an even number of rows, so that the flow splits exactly into an even and an odd part.
 
 A flow's buffer holds u, v and p one after another, each in rows along y and padded for the stencils. u (nx + 2, ny + 2)
 has one layer beyond each side and one beyond the outlet. v (nx + 2, ny + 1) has one layer before the inlet and one

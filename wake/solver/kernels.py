@@ -1,7 +1,7 @@
 """The compiled inner loops: momentum balance, ghosts, divergence and pressure correction.
 
 The scheme has central differences on the staggered grid, of second order on smoothly stretched grids. The convective
-term interpolates with equal weights, so that it conserves kinetic energy (Verstappen and Veldman, J. Comput. Phys. 187,
+term interpolates with equal weights, so it conserves kinetic energy (Verstappen and Veldman, J. Comput. Phys. 187,
 2003). The term is written in advective form, which equals the flux form on a divergence-free field. The stages of a
 Runge-Kutta step are not projected. The flux form would count their divergence twice and halve the stable step.
 
@@ -60,10 +60,10 @@ class Domain(NamedTuple):
 
 @compiled("contract")
 def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
-    """Compute q = a q + du/dt on the open u-faces, including the gradient of the pressure p.
+    """Compute `q = a * q + du/dt` on the open u-faces, including the gradient of the pressure p.
 
     Rows are sliced to start at the run, and the x- and y-terms have separate loops, because the compiler does not
-    vectorise a loop whose indices could be negative, or that has too many arrays to prove that they are distinct.
+    vectorise a loop whose indices could be negative, or that has too many arrays to prove them distinct.
     """
     real = u.dtype.type
     one, two, half, nu = real(1.0), real(2.0), real(0.5), real(nu)
@@ -100,13 +100,13 @@ def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
 
 @compiled("contract")
 def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
-    """Compute q = a q + dv/dt on the open v-faces, including the gradient of the pressure p. The loops are built as in
-    `u_rate`."""
+    """Compute `q = a * q + dv/dt` on the open v-faces, including the gradient of the pressure p. The loops are built as
+    in `u_rate`."""
     real = u.dtype.type
     one, half, quarter, nu, a = real(1.0), real(0.5), real(0.25), real(nu), real(a)
     dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
     rdy, rdyc = one / dy, one / dyc
-    # A v-face's cell has half of the row below and half of the row above; the factors are the shares of these halves.
+    # The control volume of a v-face is half of the cell below and half of the cell above; the factors are their shares.
     below, above = half * dy[:-1] * rdyc[1:-1], half * dy[1:] * rdyc[1:-1]
     along = np.empty_like(dyc)
     for r in range(runs.shape[0]):
@@ -133,7 +133,7 @@ def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
 
 @compiled("contract")
 def _add_scaled(field: Array, q: Array, scale: float, runs: Index, pad_i: int, pad_j: int) -> None:
-    """Compute field += scale q on the open faces."""
+    """Compute `field += scale * q` on the open faces."""
     scale = field.dtype.type(scale)
     for r in range(runs.shape[0]):
         i, j0, j1 = runs[r, 0] + pad_i, runs[r, 1] + pad_j, runs[r, 2] + pad_j
@@ -186,7 +186,7 @@ def clear_walls(u: Array, v: Array, walls: Pair[GhostMap]) -> None:
 
 @compiled()
 def _shift(field: Array, by: float, runs: Index, pad_i: int, pad_j: int) -> None:
-    """Compute field += by on the open faces."""
+    """Compute `field += by` on the open faces."""
     by = field.dtype.type(by)
     for r in range(runs.shape[0]):
         i, j0, j1 = runs[r, 0] + pad_i, runs[r, 1] + pad_j, runs[r, 2] + pad_j
@@ -205,8 +205,8 @@ def advance_stage(
     gained: float,
     domain: Domain,
 ) -> None:
-    """Compute rates = a rates + d velocity / dt and velocity += step rates, then apply the boundary conditions at the
-    stage's end.
+    """Compute `rates = a * rates + d(velocity)/dt` and `velocity += step * rates`. Then apply the boundary conditions
+    at the stage's end.
 
     `wind` is added to the inflow; `gained` is the change of the wind since the stage's beginning.
     """
@@ -237,8 +237,8 @@ def stages(
     gained: Array,
     domain: Domain,
 ) -> None:
-    """Run the s Runge-Kutta stages of a step. a and step are (s,); slot_velocity (s, m faces), wind (s,) and gained
-    (s,) are the arguments of `advance_stage` for each stage.
+    """Run the s Runge-Kutta stages of a step. `a` and `step` are (s,). `slot_velocity` (s, m faces), `wind` (s,) and
+    `gained` (s,) are the arguments of `advance_stage` for each stage.
 
     One call runs all stages, because passing the arrays takes a microsecond or two in each call.
     """
@@ -259,7 +259,7 @@ def divergence(b: Array, u: Array, v: Array, dx: Array, dy: Array, runs: Index) 
 
 @compiled("contract")
 def correct(flow: Flow, phi: Array, dt: float, dxc: Array, dyc: Array, runs: Pair[Index]) -> None:
-    """Subtract grad phi from the open faces and the outlet, where phi = 0, and add phi / dt to the pressure."""
+    """Subtract grad phi from the velocity on open faces and the outlet (phi = 0), and add phi / dt to the pressure."""
     u, v, p, u_runs, v_runs = flow.u, flow.v, flow.p, runs.u, runs.v
     one = phi.dtype.type(1.0)
     nx, ny = phi.shape

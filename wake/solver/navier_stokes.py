@@ -5,17 +5,17 @@ The stages have Williamson's low-storage coefficients and use the pressure gradi
 adds the change of the gradient. The velocity is of second order in time. The boundary conditions are uniform inflow,
 slip sides, p = 0 and zero normal gradient at the outlet, no slip on the body, and prescribed flow through the slots.
 The velocity at the outlet solves the momentum equation, as in the interior, with a mirrored cell beyond the outlet. If
-it were copied from upstream, a vortex that leaves the domain would disturb the pressure everywhere. Pressure here is
-kinematic, p / (rho U_inf^2); Cp is twice this pressure.
+this velocity were copied from upstream, a vortex that leaves the domain would disturb the pressure everywhere. Pressure
+here is kinematic, p / (rho U_inf^2); Cp is twice this pressure.
 
 A varying wind is given in the frame of the body, as for a vehicle whose speed through the air varies. A change of the
 wind changes the inflow, and accelerates the whole flow uniformly. So the far pressure does not change.
 
 The convective number of a cell is dt (|u| / dx + |v| / dy). The viscous number is 4 nu dt (1 / dx^2 + 1 / dy^2). The
 stability region of a three-stage Runge-Kutta scheme of order 3 ends at 1.73 on the imaginary axis, at 2.0 to 2.4 with
-the viscosity of this flow, and at 2.51 on the real axis. Runs of the uncontrolled truck are stable with a number of 2.0
-at the front corners and diverge at 2.3. Next to the jets, flow is fast in few cells and for a short time. Runs of 100
-control periods with full reversals of the jets are stable with 4.0 next to the jets and diverge at 4.3.
+the viscosity of this flow, and at 2.51 on the real axis. Runs of the uncontrolled truck are stable with a convective
+number of 2.0 at the front corners and diverge at 2.3. Next to the jets, flow is fast in few cells and for a short time.
+Runs of 100 control periods with full reversals of the jets are stable with 4.0 next to the jets and diverge at 4.3.
 """
 
 from collections.abc import Callable
@@ -31,8 +31,8 @@ from wake.solver import kernels, poisson
 from wake.solver.boundary import Boundary
 from wake.solver.grid import Flow, Grid
 
-# Williamson's RK3 computes q = A q + dt rate, velocity += B q. STAGE_END has the times at which the stages end, as
-# fractions of the step.
+# Williamson's RK3 computes `q = A * q + dt * rate`, then `velocity += B * q`. STAGE_END has the times at which the
+# stages end, as fractions of the step.
 A = np.array([0.0, -5.0 / 9.0, -153.0 / 128.0])
 B = np.array([1.0 / 3.0, 15.0 / 16.0, 8.0 / 15.0])
 STAGE_END = (1.0 / 3.0, 3.0 / 4.0, 1.0)
@@ -193,8 +193,8 @@ _SAFE: Final = 1.7
 
 
 def advice(grid: Grid, before: Flow, viscosity: float, dt: float) -> str:
-    """Return a message for a time step with which the flow `before` diverged. The message states the largest convective
-    and viscous number of all cells, and a stable time step."""
+    """Return a message for a time step with which a run that began with the flow `before` diverged. The message states
+    the largest convective and viscous number of all cells, and a stable time step."""
     u, v = np.abs(before.faces_u), np.abs(before.faces_v)
     along = np.maximum(u[:-1], u[1:]) / grid.dx[:, None]
     across = np.maximum(v[:, :-1], v[:, 1:]) / grid.dy
@@ -202,7 +202,7 @@ def advice(grid: Grid, before: Flow, viscosity: float, dt: float) -> str:
     viscous = float(4.0 * viscosity * dt * (1.0 / grid.dx.min() ** 2 + 1.0 / grid.dy.min() ** 2))
     held = dt / max(2.0, convective / _SAFE, viscous / _SAFE)
     return (
-        f"convective number {convective:.2f} before, must be below {CONVECTIVE_LIMIT:g}; viscous number "
+        f"convective number {convective:.2f} before the run, must be below {CONVECTIVE_LIMIT:g}; viscous number "
         f"{viscous:.2f}, must be below {VISCOUS_LIMIT:g}: take dt = {held:.2g}"
     )
 

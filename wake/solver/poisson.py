@@ -1,4 +1,4 @@
-"""A direct solver for the pressure increment on the stretched grid. It leaves out links that the body cuts.
+"""A direct solver for the pressure increment on the stretched grid, without links between fluid and solid cells.
 
 The integrated five-point Laplacian A (Neumann on three sides, phi = 0 at the outlet) is separable: it has eigenvectors
 in y, and a tridiagonal system in x for each eigenvector. The body is a low-rank change A' = A + D K D^T. The columns of
@@ -229,8 +229,8 @@ def _scatter(spectral: Array, links: Links, y: Array, q: Array) -> None:
 
 @compiled("contract")
 def _product(a: Array, b: Array, out: Array) -> None:
-    """Compute out = a b for b (h, h), where h is a multiple of 4. The loop computes three rows of the result at a time,
-    and adds four terms of their sums at once.
+    """Compute `out = a @ b` for b (h, h), where h is a multiple of 4. The loop computes three rows of the result at a
+    time, and adds four terms of their sums at once.
 
     The terms of each sum are added in a fixed order, so that the result does not depend on the grouping of rows.
     """
@@ -259,7 +259,7 @@ def _product(a: Array, b: Array, out: Array) -> None:
 
 @compiled("contract", "reassoc")
 def _times(matrix: Array, vector: Array, out: Array) -> None:
-    """Compute out = -matrix vector."""
+    """Compute `out = -matrix @ vector`."""
     for i in range(matrix.shape[0]):
         row, total = matrix[i], matrix.dtype.type(0.0)
         for k in range(row.shape[0]):

@@ -1,4 +1,4 @@
-"""The time averages of a shedding wake, with the rules for all studies.
+"""The time averages of a shedding wake; all studies use these rules.
 
 An average that includes a part of a cycle depends on where the series begins and ends. So averages run from the first
 to the last instant at which the lift crosses zero upwards. Linear interpolation between samples gives these instants;
@@ -22,8 +22,8 @@ from contract.errors import PlantError
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CycleAverage:
-    """An average over whole cycles. `weights` (n,) are the weights of the n samples; their sum is 1. `frequency` is in
-    cycles per t_c; it is the Strouhal number if nothing forces the wake."""
+    """The weights for averages over whole cycles. `weights` (n,) belong to the n samples; their sum is 1. `frequency`
+    is in cycles per t_c; it is the Strouhal number if nothing forces the wake."""
 
     weights: Array
     cycles: int
@@ -40,8 +40,8 @@ class CycleAverage:
 
 
 def over_cycles(t: Array, lift: Array) -> CycleAverage:
-    """Return the average over the whole cycles in n samples. The samples are at rising instants t (n,), in t_c, and
-    have the lift Cl (n,). Raises PlantError if the series holds no whole cycle."""
+    """Return the weights for averages over the whole cycles in a series. `t` (n,) has increasing sample times in t_c,
+    and `lift` (n,) is Cl. Raises PlantError if the series holds no whole cycle."""
     up = np.flatnonzero((lift[:-1] < 0.0) & (lift[1:] >= 0.0))
     if len(up) < 2:
         raise PlantError(
@@ -58,8 +58,8 @@ def over_cycles(t: Array, lift: Array) -> CycleAverage:
 
 
 def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
-    """Return the average over the last whole cycles of a series. `t` (n,) has rising sample times in t_c; `frequency`
-    is this wake's number of cycles per t_c without control. Raises PlantError if t spans less than a cycle."""
+    """Return the weights for averages over the last whole cycles of a series. `t` (n,) has increasing sample times in
+    t_c; `frequency` is the uncontrolled wake's, in cycles per t_c. Raises PlantError if t spans less than a cycle."""
     span = float(t[-1] - t[0]) if len(t) else 0.0
     # A span may be a whole number of cycles, and rounding must not remove its last cycle.
     cycles = int(span * frequency + 1e-9)

@@ -2,9 +2,9 @@
 rest, such as the shipped start, takes 100 t_c, because the shedding has to grow first.
 
 The steady wake is the symmetric flow that results if symmetry suppresses shedding. A symmetric flow remains symmetric
-except for rounding errors, which the shedding instability amplifies. Taking the even part of the flow after every
-control period removes these errors, and the flow settles. The drag of the steady wake is therefore the part of the drag
-that shedding does not cause.
+except for rounding errors, which the shedding instability amplifies. After every control period, only the symmetric
+part of the flow is kept. This removes these errors, and the flow settles. The drag of the steady wake is therefore the
+part of the drag that shedding does not cause.
 """
 
 from collections.abc import Callable
@@ -44,7 +44,7 @@ def develop(
     control. Returns the state with its clock set to zero and with shut jets; the plant is in this state, too.
 
     Args:
-        duration: time after the ramp, in t_c. The wake of this truck needs 60 to 100 t_c to become periodic.
+        duration: time in t_c after `start_from_rest`. The wake of this truck needs 60 to 100 t_c to become periodic.
         progress: called with (time, duration) after every control period.
     """
     start_from_rest(wake)
@@ -93,8 +93,8 @@ def moved(
     duration) after every control period."""
     flow = Flow.of(interpolated(state, source, wake.grid).flat.astype(wake.solver.precision), wake.grid.shape)
     pressure = flow.p.copy()
-    # A very short step fills the padding and the ghosts, and removes the divergence. Its pressure is an impulse, so the
-    # flow gets the interpolated pressure back.
+    # A very short step fills the padding and the ghost faces, and removes the divergence. The step's pressure is an
+    # impulse, so the interpolated pressure is then restored.
     wake.solver.run(flow, dt=1e-6, steps=1, action_from=0.0, action_to=0.0)
     flow.p[:] = pressure
     wake.reset(State(flat=flow.flat, substep=0, action=0.0))
@@ -128,8 +128,8 @@ def settle(
     if the flow is not steady after `longest` t_c. `progress` is called with the time and the larger rate after every
     control period.
 
-    Returns the state with its clock set to zero, in which the plant is, too, and the numbers for a results file: drag,
-    mean Cp over the sensors on the base, `recirculation_length`, both rates over the last control period, and the
+    Returns the state with its clock set to zero (the plant is in this state, too), and the numbers for a results file:
+    drag, mean Cp over the sensors on the base, `recirculation_length`, both rates over the last control period, and the
     duration of the settling from rest.
     """
     start_from_rest(wake)
@@ -166,8 +166,8 @@ def settle(
 
 def check_steady(wake: TruckWake, state: State) -> None:
     """Check that a state is the steady symmetric wake; the plant advances by one control period. Raises PlantError if
-    the flow changes or is not its own mirror image, or if a jet blows; the message states the difference or the rate,
-    and the remedy."""
+    the flow changes or is not its own mirror image, or if the action is not zero; the message states the difference or
+    the rate, and the remedy."""
     wake.reset(state)
     flow = wake.flow
     uneven = max(float(np.abs(flow.u - flow.u[:, ::-1]).max()), float(np.abs(flow.v + flow.v[:, ::-1]).max()))
@@ -185,8 +185,8 @@ def check_steady(wake: TruckWake, state: State) -> None:
 
 
 def recirculation_length(grid: Grid, flow: Flow) -> float:
-    """Return the bubble's length in a steady or mean flow, in W: from the base to the last point on the axis y = 0
-    where u turns positive; zero if the axis has no backward flow. A bubble that reaches the outlet ends there."""
+    """Return the recirculation bubble's length in a steady or mean flow, in W: from the base to the last point on the
+    axis y = 0 where u turns positive; zero if no flow is backward. A bubble that reaches the outlet ends there."""
     # The axis is a row of faces, so u is stored half a cell below and above the axis.
     above = grid.shape[1] // 2
     speed = flow.faces_u[grid.rear :, above - 1 : above + 1].mean(axis=1)
@@ -206,7 +206,7 @@ def _drag(sample: Sample) -> float:
 
 
 def keep_even_part(flow: Flow) -> None:
-    """Remove the odd part in y from the flow, in place."""
+    """Replace the flow, in place, by its part that is symmetric about y = 0."""
     flow.u[:] = 0.5 * (flow.u + flow.u[:, ::-1])
     flow.v[:] = 0.5 * (flow.v - flow.v[:, ::-1])
     flow.p[:] = 0.5 * (flow.p + flow.p[:, ::-1])

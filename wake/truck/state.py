@@ -37,8 +37,7 @@ class Origin:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
     """The data that determine how the flow continues: velocities, pressures, the number of substeps since t = 0, and
-    the action in force. A plant rejects a state whose origin differs from the plant, and accepts a state without
-    origin."""
+    the action in force. A plant rejects a state of another plant, and accepts a state without origin."""
 
     flat: Array
     substep: int

@@ -9,10 +9,10 @@ step gives these quantities. The wall pressure follows from a parabola along the
 points in the flow; its slope at the wall follows from the momentum balance of fluid at rest. At the rounded corners, a
 straight line would give 1 % too little drag. Wall shear follows from the velocity with no slip on the wall.
 
-The load on the two slot faces comes from the momentum balance of the half cell before each face. Along x, p + u^2 - 2
-nu du/dx on the face equals its value half a cell before the face. The flux through the half cell's sides and its
-acceleration are neglected; they are small and nearly cancel over a cycle. On the default grid the result is within 2 %
-of the force on a grid with half the cell size; a straight line through two cells has an error of a fifth.
+The load on the two slot faces comes from the momentum balance of the half cell downstream of each face. The sum
+`p + u^2 - 2 nu du/dx` on the face equals its value half a cell downstream. The flux through the half cell's sides and
+the acceleration in it are neglected; they are small and nearly cancel over a cycle. On the default grid the result is
+within 2 % of the force on a grid with half the cell size; a straight line through two cells gives an error of 20 %.
 """
 
 from collections import defaultdict
@@ -166,8 +166,8 @@ class Surface:
         return defaultdict(float, {int(numbers[face]): w for face, w in entries})
 
     def _flow_points(self, x: float, y: float, nx: float, ny: float, component: Component) -> list[tuple[float, Terms]]:
-        """Return the two nearest points along the normal at (x, y) that lie between values in the fluid. Each entry has
-        a point's distance, and the weights with which the flow's values sum to the component's value."""
+        """Return the two nearest points on the normal at (x, y) to which `component` can be interpolated from values in
+        the fluid only. An entry has a point's distance from the wall, and the weights of the flow's values."""
         usable = {"u": self._boundary.open_u, "v": self._boundary.open_v, "p": self._boundary.fluid}[component]
         xs, ys = self._grid.axes(component)
         spacing = max(abs(nx) * _cell_size(self._grid.xf, x), abs(ny) * _cell_size(self._grid.yf, y))

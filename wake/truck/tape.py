@@ -72,8 +72,8 @@ class Tape(CopiedWhole):
 
     def advance(self, action: float) -> Sample:
         """Advance the plant by a period, as `TruckWake.advance` does, and store the data that `back` needs. Raises
-        PlantError as the plant does, if the tape becomes too long for its memory, or if the plant is no longer where
-        the tape ends: after `back`, `restart` begins the next window."""
+        PlantError as the plant does, if the tape becomes too long for its memory, or if the plant's flow is not the
+        flow at the tape's end: after `back`, call `restart` first."""
         plant, substeps = self._plant, self._plant.config.substeps
         if not np.array_equal(self._end, plant.flow.flat):
             raise PlantError("the plant is not at the end of the tape: call `restart` before the next window")
@@ -83,7 +83,7 @@ class Tape(CopiedWhole):
             start=plant.flow.flat.copy(),
             steps=self._memory(substeps),
             action_from=plant.action,
-            action_to=float(action),  # NumPy's single precision would also round the sensitivities
+            action_to=float(action),  # with a NumPy float32, the sensitivities would also be rounded
             t=plant.t,
         )
         plant.advance_to(substeps, action, starts=period.steps)
@@ -179,8 +179,8 @@ duration. The unit is the convective time at that speed."""
 
 
 class DifferentiableWake(CopiedWhole):
-    """A plant with its tape. It returns the pressures at the sensors of p pairs. `columns` (2 p,) are the indices of
-    these sensors in the plant's Cp, pair by pair."""
+    """A plant with its tape. The samples have the pressures at the sensors of p pairs. `columns` (2 p,) are the indices
+    of these sensors in the plant's Cp, pair by pair."""
 
     def __init__(self, plant: TruckWake, columns: Index) -> None:
         self.plant, self._columns = plant, columns
@@ -189,7 +189,7 @@ class DifferentiableWake(CopiedWhole):
 
     def begin(self, state: FlowState, speeds: Array) -> Seen:
         """Continue from a state with an empty tape. `speeds` (n + 1,) are the speeds at the start and at the samples of
-        the n periods, divided by the design speed. A higher largest speed needs more time steps per period."""
+        the n periods, divided by the design speed. The largest speed determines the number of time steps per period."""
         plant, config = self.plant, self._config
         plant.config = at_speed(config, float(speeds.max()))
         times, faster = config.control_period * np.arange(len(speeds), dtype=np.float64), speeds - 1.0
@@ -218,9 +218,9 @@ class DifferentiableWake(CopiedWhole):
         return FlowState(flat=self.plant.flow.flat.copy(), action=self.plant.action)
 
     def at_rest(self, state: FlowState, speed: float, over: float = AT_REST) -> tuple[float, float] | None:
-        """Return two means without jets: Cp on the base, and the |Cp difference| of sensor pairs. Return None if no
-        sensor is on the base. The wake settles for `over` convective times at this speed, and is then averaged over the
-        same time."""
+        """Return two means for the wake without jets: Cp on the base, and the |Cp difference| of sensor pairs. Return
+        None if no sensor is on the base. The wake settles for `over` convective times at this speed, and is then
+        averaged over the same time."""
         on_base = np.isin(self._columns, self.plant.layout.base)
         if not on_base.any():
             return None

@@ -2,7 +2,7 @@
 
 The timing follows the project's convention. Sample k holds pressures and forces at t_k; the jet then ramps linearly
 from the action in force to the newly commanded action until t_{k+1}. If a command arrives late, its ramp starts late
-but ends at t_{k+1}. A co-simulation chooses with `advance_to` when a command arrives.
+but ends at t_{k+1}. In a co-simulation, `advance_to` determines when a command arrives.
 """
 
 from dataclasses import replace
@@ -27,7 +27,7 @@ from wake.truck.surface import MOMENTUM_FACTOR, Surface, signed_distance, slot_p
 
 class TruckWake(CopiedWhole, SteppedPlant):
     """The flow around the truck, or around another body. Raises ConfigError if the grid is too coarse for the slots;
-    PlantError if the time step is too large for any flow on this grid.
+    PlantError if the time step is too large for this grid.
 
     A copy is an independent plant that continues bit for bit like the original; so is a pickle if `wind` can be
     pickled.
@@ -40,7 +40,7 @@ class TruckWake(CopiedWhole, SteppedPlant):
 
     Attributes:
         layout: the sensors, in the order of a sample's Cp.
-        wind: a function of time that returns by how much the wind exceeds U_inf; None if it is steady. States do
+        wind: a function of time that returns by how much the wind exceeds U_inf; None if the wind is steady. States do
             not hold the wind.
     """
 

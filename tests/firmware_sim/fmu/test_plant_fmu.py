@@ -128,7 +128,7 @@ def test_calls_out_of_order_are_refused_and_fmpys_own_step_is_served(plant_path,
 
 def test_the_command_writes_it_and_refuses_a_plant_that_cannot_begin(cli, coarse, tmp_path):
     path = tmp_path / "plant.fmu"
-    assert "the shipped start is for 500" in cli("plant-fmu", path, "--set", "flow.reynolds=700").err
+    assert "the shipped start has 500" in cli("plant-fmu", path, "--set", "flow.reynolds=700").err
     assert not path.exists()
     assert cli("plant-fmu", path, *coarse.words).code == 0 and path.exists()
 

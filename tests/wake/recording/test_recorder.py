@@ -115,7 +115,7 @@ def test_the_same_plans_and_settings_leave_a_finished_recording_as_it_is(output)
             node.attrs["provenance"] = node.attrs["provenance"].replace('"numba": "', '"numba": "9')
     assert not record(output)
     output.write_text("a thesis")
-    with pytest.raises(OutputError, match="holds a file that cannot be read"):
+    with pytest.raises(OutputError, match="exists, but cannot be read"):
         record(output)
     assert output.read_text() == "a thesis"
 
