@@ -6,8 +6,8 @@
 
 #include "ecu_port.h"
 
-#define GRACE 4         /* a step that would begin more than a period / GRACE late is skipped */
-#define LARGEST_SLEW 32 /* a deadline moves by at most a period / LARGEST_SLEW */
+#define GRACE 4         /* a step that would begin more than SW_PERIOD_NS / GRACE late is skipped */
+#define LARGEST_SLEW 32 /* a deadline is corrected by at most SW_PERIOD_NS / LARGEST_SLEW */
 
 static sw_ecu ecu; /* the ECU has no other memory */
 static sw_frame received[ROOM], to_send[SW_FRAMES_OUT];
@@ -47,7 +47,7 @@ void controller_task(void)
         const int sent = sw_ecu_step(&ecu, clock_ns(), received, count, to_send);
         for (int i = 0; i < sent; i++) send_frame(&to_send[i]);
 #if SW_SECOC
-        if (ecu.secoc.is_given) keep_freshness(&ecu.state); /* without a key the stored values must stay */
+        if (ecu.secoc.is_given) keep_freshness(&ecu.state); /* without a key the stored values stay as they are */
 #endif
         /* Pressures that the ECU did not use, for example invalid ones, do not move the deadlines. */
         due_ns = next_due(due_ns, ecu.state.missed == missed_before ? arrived_ns : -1);

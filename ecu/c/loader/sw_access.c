@@ -6,7 +6,7 @@
 #define LABEL "stillwake access"
 #define LABEL_BYTES 16u
 
-/* Returns the index of a level in arrays. A level's number is the sub-function of its seed request: 1, 3, .. */
+/* Returns a level's index in the arrays of sw_access. The level is the sub-function of its seed request: 1, 3, .. */
 static uint32_t place_of(uint8_t level) { return (level - 1u) / 2u; }
 
 static void close(sw_access *access, uint32_t place, int64_t now_ns)
@@ -76,7 +76,7 @@ uint8_t sw_access_unlock(sw_access *access, sw_store *store, int64_t now_ns, uin
     if (access->asked != level) return SW_NRC_SEQUENCE_ERROR;
     access->asked = 0;
     const uint32_t count = (uint32_t)sw_store_failed_attempts(store, level) + 1u;
-    /* Every attempt must be counted. While the jets run and the sector is full, no count can be stored. */
+    /* Every attempt must be counted. While the jets run, no count can be stored if the record sector is full. */
     if (!sw_store_has_room(store)) return SW_NRC_CONDITIONS_NOT_CORRECT;
     if (sw_store_keep_failed_attempts(store, level, count) != SW_STORE_DONE) return SW_NRC_PROGRAMMING_FAILURE;
     expected(level, key, access->seed, SW_SEED_BYTES, right);

@@ -2,7 +2,7 @@
  * This file corresponds to can_bridge/uds/security.py.
  *
  * A seed is valid for one answer. An attempt is counted in the store before the answer is checked. A tester therefore
- * gains no further attempt by cutting the supply during the check.
+ * gains no further attempt by switching the ECU off during the check.
  */
 #ifndef SW_ACCESS_H
 #define SW_ACCESS_H
@@ -22,7 +22,7 @@ typedef int (*sw_random)(void *context, uint8_t *bytes, uint32_t count);
 
 typedef struct {
     uint8_t unlocked; /* unlocked security level; 0 if none is unlocked */
-    uint8_t asked;    /* level of the latest seed; 0 if there is no seed */
+    uint8_t asked;    /* level of the seed that waits for an answer; 0 if none waits */
     uint8_t seed[SW_SEED_BYTES];
     uint8_t is_closed[SW_LEVELS]; /* whether each level's delay is running */
     int64_t closed_until_ns[SW_LEVELS];
@@ -34,7 +34,7 @@ void sw_access_power_on(sw_access *access, const sw_store *store, int64_t now_ns
 /* Locks every level. Called at the end of a session. */
 void sw_access_lock(sw_access *access);
 
-/* Writes a new seed, or zeros if the level is unlocked already. Returns 0 or the SW_NRC_ of the refusal. */
+/* Writes a new seed, or zeros if the level is unlocked already. Returns 0 or the refusal's SW_NRC_ code. */
 uint8_t sw_access_seed(sw_access *access, int64_t now_ns, uint8_t level, sw_random random, void *context,
                        uint8_t seed[SW_SEED_BYTES]);
 
@@ -44,7 +44,7 @@ void sw_access_answer(uint8_t level, const uint8_t key[SW_AES_BYTES], const uint
                       uint8_t answer[SW_ANSWER_BYTES]);
 #endif
 
-/* Unlocks the level of the latest seed if the tester's answer is correct. Returns 0 or the SW_NRC_ of the refusal. */
+/* Unlocks the level of the latest seed if the tester's answer is correct. Returns 0 or the refusal's SW_NRC_ code. */
 uint8_t sw_access_unlock(sw_access *access, sw_store *store, int64_t now_ns, uint8_t level,
                          const uint8_t key[SW_AES_BYTES], const uint8_t answer[SW_ANSWER_BYTES]);
 

@@ -25,7 +25,7 @@ const sw_calibration *sw_calibrating_in_force(const sw_calibrating *calibrating)
 static const sw_calibration *sw_calibrating_in_force(const sw_calibrating *calibrating) { return &calibrating->working; }
 #endif
 
-/* Puts the whole working page in force after a change. */
+/* Puts the working page in force, and discards an incomplete value. */
 static void put_in_force(sw_calibrating *calibrating)
 {
     calibrating->is_changed = 1;

@@ -31,7 +31,7 @@ void sw_daq_free(sw_daq *daq)
 
 /* --- The control period --- */
 
-/* Returns the correction of the speed in thousandths, rounded. */
+/* Returns the correction of the speed in thousandths, rounded and limited to +-127. */
 static int8_t thousandths_of(const sw_ecu *ecu)
 {
 #if SW_PAST > 0 && SW_AIR_SPEED
@@ -171,7 +171,7 @@ static uint8_t set_mode(const sw_daq *daq, const uint8_t *data)
 
 static uint8_t get_mode(const sw_daq *daq, const uint8_t *data, sw_answer *answer)
 {
-    static const uint8_t plain[] = {0, 0, 0, 0, 1, 0}; /* the only event, and no prescaler */
+    static const uint8_t plain[] = {0, 0, 0, 0, 1, 0}; /* event 0, prescaler 1 */
     if (number(&data[2]) >= daq->lists) return SW_XCP_ERROR_OUT_OF_RANGE;
     sw_answer_byte(answer, (daq->is_selected ? SELECTED : 0u) | (daq->is_running ? RUNNING : 0u));
     sw_answer_bytes(answer, plain, sizeof plain);

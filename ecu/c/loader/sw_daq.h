@@ -1,5 +1,5 @@
-/* The measurement by XCP (DAQ), with one dynamic list and one event, the end of a control period. This file corresponds
- * to can_bridge/calibration/daq.py.
+/* The measurement by XCP (DAQ), with one dynamic list. Its only event is the end of a control period. This file
+ * corresponds to can_bridge/calibration/daq.py.
  *
  * If a control period ends before all frames of an earlier period are sent, the new period is not measured. Frames of
  * two periods are therefore never mixed.
@@ -51,13 +51,13 @@ typedef struct {
 /* Stops and deletes the list, at the end of a connection. */
 void sw_daq_free(sw_daq *daq);
 
-/* Copies the values of a control period that has ended. */
+/* Copies the values of a control period that has ended, unless packets of an earlier period still wait. */
 void sw_daq_sample(sw_daq *daq, const sw_ecu *ecu, uint8_t mode);
 
 /* Writes the next packet of the period, of at most SW_XCP_MAX_CTO bytes. Returns its length; 0 if no packet is due. */
 uint32_t sw_daq_packet(sw_daq *daq, uint8_t *packet);
 
-/* Answers a measurement command; the caller checks its length. Returns SW_XCP_DONE or the refusal's SW_XCP_ERROR_. */
+/* Answers a measurement command; the caller checks its length. Returns SW_XCP_DONE or an SW_XCP_ERROR_ code. */
 uint8_t sw_daq_command(sw_daq *daq, const uint8_t *data, sw_answer *answer);
 
 #endif

@@ -1,4 +1,4 @@
-/* The fault memory, and the services with which testers read it. */
+/* The fault memory, and the services with which testers read and clear it. */
 #include "sw_faults.h"
 
 #include <stddef.h>
@@ -82,7 +82,7 @@ static void packed(const sw_faults *faults, uint8_t record[RECORD_BYTES])
     for (uint32_t i = 0; i < SW_FAULT_COUNT; i++) {
         const sw_fault *fault = &faults->faults[i];
         uint8_t *at = &record[MAGIC + i * FAULT_BYTES];
-        /* The next power-on always changes the following bits, so they are not stored. */
+        /* The next power-on overwrites the following bits, so their present values are not stored. */
         uint32_t status = fault->status & ~TEST_FAILED;
         if ((status & (PENDING | CONFIRMED)) == 0u) status |= NOT_COMPLETED_THIS_CYCLE;
         at[0] = (uint8_t)status;
@@ -153,7 +153,7 @@ static void take(sw_faults *faults, uint8_t reason, const uint8_t snapshot[SW_SN
     faults->is_changed = 1;
 }
 
-/* Records a test result. While `is_off` is set, stores it as the waiting result instead (see take_waiting). */
+/* Records a test result. While `is_off` is set, the result waits instead, and replaces an earlier waiting result. */
 static void note(sw_faults *faults, uint8_t reason)
 {
     if (faults->is_off) {
@@ -218,7 +218,7 @@ void sw_faults_after(sw_faults *faults, int64_t now_ns)
         take_snapshot(faults, now_ns - faults->power_on_ns);
         note(faults, fail_safe->reason);
     } else {
-        /* No test has a result yet. */
+        /* This mode gives no test result. */
     }
 }
 

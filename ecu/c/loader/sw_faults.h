@@ -15,7 +15,7 @@
 typedef struct {
     uint8_t status;
     uint8_t age;          /* age of a confirmed fault: number of operation cycles without this fault */
-    uint8_t has_snapshot; /* whether `snapshot` is valid: from the first failure of the latest cycle with a failure */
+    uint8_t has_snapshot; /* whether there is a snapshot; it shows the first failure in the last cycle with a failure */
     uint8_t snapshot[SW_SNAPSHOT_BYTES];
 } sw_fault;
 
@@ -46,7 +46,7 @@ void sw_faults_after(sw_faults *faults, int64_t now_ns);
 /* Records a waiting result, and stores changes if storing is allowed now. A failed write is not repeated. */
 void sw_faults_settle(sw_faults *faults);
 
-/* Services 0x14, 0x19 and 0x85. Each returns SW_UDS_DONE or the SW_NRC_ of the refusal. */
+/* Services 0x14, 0x19 and 0x85. Each returns SW_UDS_DONE or the refusal's SW_NRC_ code. */
 uint8_t sw_faults_clear(sw_faults *faults, const uint8_t *body, uint32_t length);
 uint8_t sw_faults_report(const sw_faults *faults, const uint8_t *body, uint32_t length, sw_answer *answer);
 uint8_t sw_faults_set(sw_faults *faults, const uint8_t *body, uint32_t length, sw_answer *answer);

@@ -55,7 +55,7 @@ static uint32_t in_one(sw_isotp *end, const sw_frame *frame, uint8_t *message)
     return length;
 }
 
-/* Begins a message, and discards an incomplete earlier message. A length with more than 12 bits is not supported. */
+/* Begins to receive a message; discards an earlier incomplete message. Lengths of more than 12 bits are refused. */
 static void first(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 {
     if (frame->length < CLASSIC) return;
@@ -314,7 +314,7 @@ uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame, 
         flow(end, now_ns, frame);
         break;
     default:
-        break; /* this type is reserved for a later version of the standard */
+        break; /* frame types from 4 on are reserved for later versions of the standard */
     }
     return length;
 }

@@ -1,4 +1,4 @@
-/* An endpoint of an ISO-TP connection (ISO 15765-2:2016): a state machine of time and frames. This file corresponds to
+/* An endpoint of an ISO-TP connection (ISO 15765-2:2016): a state machine that reads no clock. This file corresponds to
  * can_bridge/isotp/endpoint.py. Messages have 1 to SW_ISOTP_MOST bytes; each direction transfers one message at a time.
  *
  * Times are in ns, from 0 to 2^61.
@@ -24,11 +24,11 @@ typedef struct {
 typedef struct {
     uint8_t *message; /* the caller's SW_ISOTP_MOST bytes, for a message of several frames */
     uint8_t *whole;   /* address of the latest complete message */
-    uint8_t is_held;  /* whether `message` is still being read; other messages of several frames are then refused */
+    uint8_t is_held;  /* whether `message` is still being read; a new message of several frames is then refused */
     /* Reception. */
     uint8_t frame_length; /* length of the message's first frame */
     uint8_t next_number;
-    uint8_t answer;  /* flow status to send next, or SW_ISOTP_NO_ANSWER */
+    uint8_t answer;  /* flow status to send next, or NO_ANSWER (sw_isotp.c) */
     uint16_t wanted; /* length of the message being received, in bytes; 0 if none is being received */
     uint16_t received;
     int64_t next_until_ns;
@@ -74,7 +74,7 @@ int sw_isotp_is_sending(const sw_isotp *end);
 /* Returns whether the free room in the queue is too small for the longest message. */
 int sw_isotp_is_occupied(const sw_isotp *end);
 
-/* Returns whether no place is free, apart from the SW_ISOTP_KEPT places for the request in progress. */
+/* Returns whether the queue has no free place except the SW_ISOTP_KEPT places for answers to the present request. */
 int sw_isotp_is_full(const sw_isotp *end);
 
 /* Returns the buffer for the next message to send, and stores the number of its free bytes in `room`. */
@@ -87,7 +87,7 @@ uint8_t *sw_isotp_place(sw_isotp *end, uint32_t *room);
 void sw_isotp_send(sw_isotp *end, uint32_t length);
 
 /* Writes the frames to send now: first the flow control for the other end, then this end's messages. It writes at most
- * SW_ISOTP_BURST and at most `room` frames; a later call writes the others. Returns the number of frames.
+ * SW_ISOTP_BURST and at most `room` frames; a later call writes the rest. Returns the number of frames.
  */
 int sw_isotp_poll(sw_isotp *end, int64_t now_ns, int room, sw_frame frames[SW_ISOTP_BURST]);
 

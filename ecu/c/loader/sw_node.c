@@ -15,7 +15,7 @@ static int opens(const uint8_t *image)
     return sw_image_open(image, &numbers) == SW_IMAGE_OK;
 }
 
-/* Returns the address where the booted image runs: in the flash, or in memory that is readable during flash writes. */
+/* Returns the booted image: in the flash, or a copy that this function makes in `equipment->image`; or NULL. */
 static const uint8_t *image_of(const sw_node *node)
 {
     const sw_store *store = &node->store;
@@ -66,7 +66,7 @@ static int64_t clipped(int64_t now_ns)
 }
 
 /* Runs a control period while no release is booted, or while the booted release is overwritten. Does not read a
- * release; shuts the jets, sends the reason and advances the counters. Corresponds to ecu/shut_ecu.py.
+ * release; shuts the jets, sends the reason and advances the message counters. Corresponds to ecu/shut_ecu.py.
  */
 static int shut_step(sw_node *node, int64_t now_ns, sw_frame frames_out[SW_FRAMES_OUT])
 {
@@ -110,13 +110,13 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
         request->has_asked = 1;
         request->asked_ns = clipped(now_ns);
     }
-    /* The command that shuts the jets is sent, too: the vehicle would follow the command before it. */
+    /* A silent ECU still sends the command that shuts the jets; otherwise the vehicle would follow the last command. */
     return services->uds.is_silent && !drove && !request->drives_jets ? 0 : sent;
 }
 
 /* --- Diagnosis --- */
 
-/* Processes at most SW_ISOTP_QUEUE requests; returns their number. If answers fill all places, requests are lost. */
+/* Processes at most SW_ISOTP_QUEUE requests; returns their number. If answers fill the queue, requests are lost. */
 static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count)
 {
     uint8_t single[SW_FRAME_BYTES];

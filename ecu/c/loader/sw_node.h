@@ -14,8 +14,8 @@
  *
  * An image runs in place in the flash, or from a copy (sw_equipment). The copy is needed if the flash cannot be read
  * while one of its sectors is erased. An erasure takes a second on some chips, and a control period without the copy
- * would have to wait. A transfer may overwrite the image that is running on trial. From the announcement of a transfer
- * until a reset, the ECU therefore sends unchanged counts and pressure counters, and refuses the self-test.
+ * would have to wait. A transfer may overwrite the image that is running on trial. In this case, from its announcement
+ * until a reset, the ECU sends counts and pressure counters that no longer change, and refuses the self-test.
  *
  * A call executes at most one part of long work (hash, signature, erasure). A call for a node must not interrupt
  * another call for the same node.
@@ -64,8 +64,8 @@ int sw_node_step(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int c
                  sw_frame frames_out[SW_NODE_FRAMES]);
 
 /* The two parts of sw_node_step, for callers that run them separately. sw_node_service processes at most SW_MOST_FRAMES
- * frames per call. It returns at most `room` frames, the number of free places in the CAN controller. Call it a
- * millisecond later for the remaining frames.
+ * frames per call. It returns at most `room` frames, the number of free places in the CAN controller. Call it
+ * again a millisecond later for the remaining frames.
  */
 int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
                     sw_frame frames_out[SW_FRAMES_OUT]);

@@ -42,11 +42,11 @@ uint8_t sw_programming_download(const sw_programming *programming, uint32_t offs
 }
 
 /* --- Like ecu/flashable/vehicle_fit.py, the self-test checks whether the running release computes correctly on this
- * chip. The test uses the ECU's memory for the control step: no later period needs the content of this memory. ---
+ * chip. The test overwrites the memory of the control step, because no later period needs the content. ---
  */
 
 #define AMPLITUDE 0.3f /* in Cp: a typical amplitude of a shedding wake at the rear edges */
-/* Sine and cosine of a period's phase angle: a shedding cycle of 2 pi takes 25 periods. */
+/* Sine, and twice the cosine, of 2 pi / 25: a shedding cycle takes 25 periods. */
 #define SINE 0.2486898872f
 #define TWICE_COSINE 1.9371663222f
 #define SLACK 1e-5f /* float32 rounding may let an action exceed the limit by this amount */
@@ -77,7 +77,7 @@ static int runs(sw_ecu *ecu, float amplitude, float most)
     fill(&ecu->input, amplitude);
     for (int i = 0; i < SW_TERMS; i++) ecu->input.weights[i] = ecu->numbers.release->weights[i];
     ecu->input.speed = 1.0f;
-    ecu->input.limit = FLT_MAX; /* the test compares with the program's own limit */
+    ecu->input.limit = FLT_MAX; /* no limit: the plan is compared with the release's own limit */
     ecu->trace.planned = 0;
     int sound = sw_control_step_of(&ecu->numbers.program, &ecu->work.control, &ecu->input, output) == SW_OK;
     for (int k = 0; k < SW_HORIZON; k++) {
@@ -116,7 +116,7 @@ static uint8_t ended(const sw_programming *programming, sw_store_result result, 
     } else if (programming->routine == SW_ROUTINE_CHECK) {
         sw_answer_byte(answer, store->verdict);
     } else if (store->verdict != SW_VERDICT_GOOD) {
-        return SW_NRC_CONDITIONS_NOT_CORRECT; /* the earlier release may no longer run */
+        return SW_NRC_CONDITIONS_NOT_CORRECT; /* the earlier release failed its check */
     } else {
         /* A revert reports no data. */
     }

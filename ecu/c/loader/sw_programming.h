@@ -1,7 +1,7 @@
 /* The programming through UDS: key lists, downloads and routines that use the store of releases. This file corresponds
  * to can_bridge/uds/ecu_services.py.
  *
- * Each function returns SW_UDS_DONE (0) or the SW_NRC_ of the refusal. Functions that begin long work may return
+ * Each function returns SW_UDS_DONE (0) or the refusal's SW_NRC_ code. Functions that begin long work may return
  * SW_UDS_MORE.
  */
 #ifndef SW_PROGRAMMING_H
@@ -20,7 +20,7 @@ typedef struct {
     sw_store *store;
     const sw_vehicle_request *request;
     uint8_t is_updating;   /* an image was announced since power-on: the jets stay shut until a reset */
-    uint8_t has_passed;    /* since the last announcement the running release has passed its latest self-test */
+    uint8_t has_passed;    /* the running release passed its latest self-test, and no image was announced since */
     uint8_t has_confirmed; /* the release on trial has been confirmed since the last announcement */
     uint8_t has_keys;      /* whether a key list was accepted */
     uint8_t keys_digest[SW_SHA256_BYTES]; /* SHA-256 of the accepted list, to acknowledge a repeated list */
@@ -42,7 +42,7 @@ uint8_t sw_programming_begin(sw_programming *programming, uint32_t routine, cons
 /* Executes the next part of the routine. */
 uint8_t sw_programming_go_on(sw_programming *programming, sw_answer *answer);
 
-/* Checks that `length` bytes of the announced image, from `offset` on, are still missing. */
+/* Checks that the missing bytes of the announced image are exactly the `length` bytes from `offset` on. */
 uint8_t sw_programming_download(const sw_programming *programming, uint32_t offset, uint32_t length);
 
 #endif

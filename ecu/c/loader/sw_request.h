@@ -1,5 +1,5 @@
-/* The UDS codes with which the ECU refuses a tester's request: the vehicle requests control, or the store refuses. This
- * file corresponds to ecu/flashable/watched_control.py.
+/* Two reasons to refuse a tester's request, as UDS codes: the vehicle requests control, or the store refuses. This file
+ * corresponds to ecu/flashable/watched_control.py.
  */
 #ifndef SW_REQUEST_H
 #define SW_REQUEST_H
@@ -13,7 +13,7 @@
 #define SW_UDS_DONE 0u /* the answer is positive */
 #define SW_UDS_MORE 1u /* the service needs further calls */
 
-/* The vehicle's request for control, as received in the control periods; a valid request prevents flashing. */
+/* The vehicle's request for control, as received in the control periods; a recent request prevents flashing. */
 typedef struct {
     uint8_t has_asked;
     uint8_t drives_jets;
@@ -21,14 +21,14 @@ typedef struct {
     int64_t now_ns;   /* time of the latest call of diagnosis */
 } sw_vehicle_request;
 
-/* Returns the SW_NRC_ with which flashing is refused now, or 0. */
+/* Returns the SW_NRC_ code with which flashing is refused now, or 0. */
 static inline uint8_t sw_request_refusal(const sw_vehicle_request *request)
 {
     const int asks = request->has_asked && request->now_ns - request->asked_ns < SW_REMEMBERED_NS;
     return (uint8_t)(request->drives_jets || asks ? SW_NRC_CONDITIONS_NOT_CORRECT : 0u);
 }
 
-/* Converts a result of the store to SW_UDS_DONE, SW_UDS_MORE or the SW_NRC_ of the refusal. */
+/* Converts a result of the store to SW_UDS_DONE, SW_UDS_MORE or the refusal's SW_NRC_ code. */
 static inline uint8_t sw_store_refusal(sw_store_result result)
 {
     static const uint8_t codes[] = { /* codes in the order of sw_store_result */

@@ -12,7 +12,7 @@
 #define ENABLE 0u
 #define DISABLE_SENDING 1u
 #define NORMAL 0x01u /* communication type that includes only JetCommand and EcuStatus */
-#define NORMAL_AND_NETWORK 0x03u /* communication type that includes these messages and network management */
+#define NORMAL_AND_NETWORK 0x03u /* communication type that includes JetCommand, EcuStatus and network management */
 #define COUNT(table) (sizeof(table) / sizeof(table)[0])
 
 /* The permission to write an identifier or start a routine, and the number of data bytes (0xffff: any number). */
@@ -39,7 +39,7 @@ static const permission routines[] = {
     {SW_ROUTINE_CHECK, SW_IN_PROGRAMMING, SW_LEVEL_PROGRAMMING, 0},
 };
 
-/* Checks session, unlocked level and length for an identifier or a routine. Returns 0 or the refusal's SW_NRC_. */
+/* Checks session, unlocked level and length for an identifier or a routine. Returns 0 or an SW_NRC_ code. */
 static uint8_t refusal(const sw_services *services, const permission *table, uint32_t count, uint32_t number,
                        uint32_t length)
 {
@@ -101,7 +101,7 @@ static uint8_t hear_tester(sw_services *services, const uint8_t *body, uint32_t 
     return SW_UDS_DONE;
 }
 
-/* Appends the value of an identifier to the answer. Returns 0, or the SW_NRC_ for an unknown identifier. */
+/* Appends the value of an identifier to the answer. Returns 0, or an SW_NRC_ code if the identifier is unknown. */
 static uint8_t identifier(const sw_services *services, uint32_t number, sw_answer *answer)
 {
     static const uint8_t dbc[] = SW_DBC_SHA256_BYTES;
@@ -147,7 +147,7 @@ static uint8_t identifier(const sw_services *services, uint32_t number, sw_answe
     return code;
 }
 
-/* Reads identifiers. As in the standard, unknown identifiers are left out of the answer, unless all are unknown. */
+/* Reads identifiers. As in the standard, the answer omits unknown identifiers; if all are unknown, it is negative. */
 static uint8_t read(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     const uint32_t before = answer->length;
@@ -242,7 +242,7 @@ static uint8_t download(sw_services *services, const uint8_t *body, uint32_t len
     return SW_UDS_DONE;
 }
 
-/* Returns SW_UDS_MORE if a block must be written, SW_UDS_DONE for a repeated last block, or the refusal's SW_NRC_. */
+/* Returns SW_UDS_MORE if a block must be written, SW_UDS_DONE for a repeated last block, or an SW_NRC_ code. */
 static uint8_t judged(const sw_transfer *transfer, uint8_t counter, uint32_t bytes, const uint8_t *digest)
 {
     const int is_last = transfer->has_last && transfer->last == counter
@@ -254,7 +254,7 @@ static uint8_t judged(const sw_transfer *transfer, uint8_t counter, uint32_t byt
     return bytes > transfer->missing ? SW_NRC_TRANSFER_SUSPENDED : SW_UDS_MORE;
 }
 
-/* Ends a block. A failed write ends the transfer: the memory's content is then unknown until a new announcement. */
+/* Reopens the transfer after a block is written. A failed write ends it: the memory's content is then unknown. */
 static uint8_t block_written(sw_transfer *transfer, uint8_t code)
 {
     if (code == SW_UDS_DONE) transfer->state = SW_TRANSFER_OPEN;
@@ -287,7 +287,7 @@ static uint8_t take_block(sw_services *services, const uint8_t *body, uint32_t l
     return block_written(transfer, sw_store_refusal(sw_store_append(services->uds.store, &body[1], bytes)));
 }
 
-/* Ends a transfer after all its bytes have arrived. The check routine compares the bytes with the announced image. */
+/* Ends a transfer after all its bytes have arrived. The check routine compares their hash with the announced hash. */
 static uint8_t end_transfer(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     sw_transfer *transfer = &services->transfer;
@@ -336,8 +336,8 @@ static const sw_service rows[] = {
     {SW_SERVICE_FAULT_SETTING, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, 0, set_faults, NULL},
 };
 
-/* Drops an open transfer, which can be resumed after a reset. If the tester disappears during a transfer, resets the
- * ECU; otherwise the jets would stay shut until the next power-on. The earlier release is intact.
+/* Drops an open transfer, which can be resumed after a reset. If an image was announced, requests a reset; otherwise
+ * the jets would stay shut until the next power-on if the tester has disappeared. The earlier release is intact.
  */
 static void end_session(sw_services *services, uint8_t next)
 {

@@ -26,7 +26,7 @@ typedef struct {
 
 typedef enum { SW_NO_TRANSFER, SW_TRANSFER_OPEN, SW_TRANSFER_CLOSED } sw_transfer_state;
 
-/* A requested download. The SHA-256 of the last block serves to acknowledge a repeated last block. */
+/* A requested download. The SHA-256 of the last block serves to recognise a repeated last block. */
 typedef struct {
     uint8_t state;    /* sw_transfer_state */
     uint8_t expected; /* counter of the next block */
@@ -48,7 +48,7 @@ struct sw_services {
     sw_transfer transfer;
 };
 
-/* Connects the parts at power-on. All memory must be zero before the call. The arguments must stay valid during use. */
+/* Connects the parts at power-on. `services` must be zero before the call. The arguments must stay valid during use. */
 void sw_services_init(sw_services *services, const sw_equipment *equipment, sw_store *store, sw_isotp *isotp,
                       sw_ecu *ecu);
 

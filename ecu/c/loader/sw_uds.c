@@ -5,7 +5,7 @@
 
 #define MS INT64_C(1000000)
 #define S3_NS ((int64_t)SW_S3_MS * MS)
-/* Each time is half of its limit, since the answer must be on the bus before the limit ends. */
+/* Response-pending is sent after half of the time limit, so that it is on the bus before the limit ends. */
 #define FIRST_PENDING_NS ((int64_t)SW_P2_MS * MS / 2)
 #define NEXT_PENDING_NS ((int64_t)SW_P2_EXTENDED_MS * MS / 2)
 #define POSITIVE 0x40u
@@ -106,7 +106,7 @@ static uint8_t put_off(sw_uds *uds, const uint8_t *request, uint32_t length)
     return SW_UDS_MORE;
 }
 
-/* Clears the bit that suppresses the answer, then executes or stores the request. A stored request has no such bit. */
+/* Clears the bit that suppresses the answer, then executes the request, or stores it with this bit cleared. */
 static uint8_t began(sw_uds *uds, uint8_t *request, uint32_t length, sw_answer *answer)
 {
     const sw_service *service = service_of(uds, request[0]);

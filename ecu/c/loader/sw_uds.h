@@ -27,7 +27,7 @@ typedef struct sw_services sw_services;
 
 /* A service. `body` has the request's bytes after the service's number, without the bit that suppresses the answer;
  * `answer` begins with the number of the positive answer. `handle` and `go_on` return SW_UDS_DONE, SW_UDS_MORE or the
- * SW_NRC_ of the refusal.
+ * refusal's SW_NRC_ code.
  */
 typedef struct {
     uint8_t number;
@@ -78,10 +78,10 @@ void sw_uds_look(sw_uds *uds, int64_t now_ns);
  */
 void sw_uds_request(sw_uds *uds, int64_t now_ns, uint8_t *request, uint32_t length, int is_functional);
 
-/* Executes a part of the request in progress, or the reset after an answer. Call it every 20 ms if sw_uds_is_busy. */
+/* Executes a part of the request in progress, or requests the reset that is due. Call it every 20 ms if busy. */
 void sw_uds_tick(sw_uds *uds, int64_t now_ns);
 
-/* Returns whether the request in progress still needs the bytes in the `message` of the sw_isotp. */
+/* Returns whether the request in progress still needs the bytes in `isotp->message`. */
 int sw_uds_holds_message(const sw_uds *uds);
 
 /* Returns whether the request in progress waits for the flash memory: one call per millisecond is then enough. */

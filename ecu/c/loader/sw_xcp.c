@@ -8,7 +8,7 @@
 typedef struct {
     uint8_t number;
     uint8_t shortest;     /* least number of bytes of the command */
-    uint8_t is_protected; /* whether the command needs the unlocked calibration */
+    uint8_t is_protected; /* whether the calibration must be unlocked for the command */
 } xcp_command;
 
 static void to_tool(sw_xcp *xcp, const sw_answer *packet)
@@ -119,7 +119,7 @@ static uint8_t answered(sw_xcp *xcp, const uint8_t *data, uint32_t length, sw_an
     return SW_XCP_ERROR_CMD_UNKNOWN;
 }
 
-/* Ends an idle connection. While a tool is measuring, only locks its connection. */
+/* Ends an idle connection. While a tool is measuring, only locks the calibration. */
 static void end_if_idle(sw_xcp *xcp, int64_t now_ns)
 {
     if (!xcp->is_connected || now_ns - xcp->last_ns <= SW_XCP_IDLE_NS) return;

@@ -2,8 +2,8 @@
  * file corresponds to can_bridge/calibration/xcp.py and xcp_slave.py; it is compiled in if SW_XCP is 1.
  *
  * A tool reads and writes the same calibration as UDS (sw_calibrating), and reads or measures the latest control period
- * (sw_daq). The tool must wait for each answer. At most SW_XCP_PLACES packets can wait to be sent; if no place for its
- * answer is free, a command is lost.
+ * (sw_daq). The tool must wait for each answer. At most SW_XCP_PLACES packets can wait to be sent; a command is lost
+ * if no place is free for its answer.
  */
 #ifndef SW_XCP_H
 #define SW_XCP_H

@@ -36,7 +36,7 @@ uint8_t sw_xcp_access_seed(sw_xcp_access *access, const uint8_t *data, sw_random
     } else if (access->unsent == 0u) {
         code = SW_XCP_ERROR_SEQUENCE;
     } else {
-        /* Mode 1 asks for the rest of the seed. */
+        /* Mode 1 requests the rest of the seed. */
     }
     if (code != SW_XCP_DONE) return code;
     const uint32_t piece = access->unsent < PIECE ? access->unsent : PIECE;

@@ -22,8 +22,8 @@ typedef struct {
 /* Locks the calibration, at the beginning and at the end of a connection. */
 void sw_xcp_access_lock(sw_xcp_access *access);
 
-/* Answer GET_SEED and UNLOCK; the caller checks the commands' lengths. Return SW_XCP_DONE or the refusal's
- * SW_XCP_ERROR_. Every attempt needs a new seed. A wrong key is answered with ACCESS_LOCKED and ends the connection.
+/* Answer GET_SEED and UNLOCK; the caller checks the commands' lengths. Return SW_XCP_DONE or an SW_XCP_ERROR_ code.
+ * Every attempt needs a new seed. A wrong key is answered with ACCESS_LOCKED, and ends the connection.
  */
 uint8_t sw_xcp_access_seed(sw_xcp_access *access, const uint8_t *data, sw_random random, void *context,
                            sw_answer *answer);

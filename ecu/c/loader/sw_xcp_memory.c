@@ -31,7 +31,7 @@ void sw_xcp_memory_text(sw_xcp_memory *memory, const char *text, uint32_t bytes)
 static uint8_t get_id(sw_xcp_memory *memory, const uint8_t *data, sw_answer *answer)
 {
     static const char name[] = SW_XCP_A2L_NAME;
-    sw_xcp_memory_text(memory, name, data[1] <= 1u ? sizeof name - 1u : 0u); /* types 0 and 1: text and file name */
+    sw_xcp_memory_text(memory, name, data[1] <= 1u ? sizeof name - 1u : 0u); /* 0: text, 1: file name */
     for (uint32_t i = 0; i < 3u; i++) sw_answer_byte(answer, 0);
     sw_answer_little_u32(answer, memory->text_bytes);
     return SW_XCP_DONE;

@@ -20,13 +20,13 @@ typedef struct {
     uint8_t page; /* page that the tool reads and writes */
 } sw_xcp_memory;
 
-/* Resets the memory's state, at the end of a connection. */
+/* Resets the address, the name and the page, at the end of a connection. */
 void sw_xcp_memory_end(sw_xcp_memory *memory);
 
 /* Sets the name that UPLOAD returns next. */
 void sw_xcp_memory_text(sw_xcp_memory *memory, const char *text, uint32_t bytes);
 
-/* Answers a calibration command; the caller checks its length. Returns SW_XCP_DONE or the refusal's SW_XCP_ERROR_. */
+/* Answers a calibration command; the caller checks its length. Returns SW_XCP_DONE or an SW_XCP_ERROR_ code. */
 uint8_t sw_xcp_memory_command(sw_xcp_memory *memory, const uint8_t *data, uint32_t length, sw_answer *answer);
 
 #endif

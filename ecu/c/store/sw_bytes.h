@@ -43,7 +43,7 @@ static inline uint32_t sw_little_u32(const uint8_t *data)
     return data[0] | (uint32_t)data[1] << 8 | (uint32_t)data[2] << 16 | (uint32_t)data[3] << 24;
 }
 
-/* An answer that is being written. Bytes beyond its room are counted, but not stored. */
+/* An answer that is being written. Bytes that exceed `room` are counted in `length`, but not stored. */
 typedef struct {
     uint8_t *bytes;
     uint32_t room;

@@ -1,7 +1,7 @@
 /* The flash memory of the store. The loader erases it sector by sector, and writes each erased word only once.
  *
- * Addresses count bytes from the start of the store's part of the flash; the driver maps this part. The sectors are, in
- * order: two for records, SW_SLOT_SECTORS for slot A, and SW_SLOT_SECTORS for slot B.
+ * An address is a byte offset in the store's part of the flash; the driver converts it to the chip's address. The
+ * sectors are, in order: two for records, SW_SLOT_SECTORS for slot A, and SW_SLOT_SECTORS for slot B.
  */
 #ifndef SW_FLASH_H
 #define SW_FLASH_H
@@ -27,11 +27,11 @@ typedef enum { SW_FLASH_DONE = 0, SW_FLASH_FAILED = 1, SW_FLASH_AT_WORK = 2 } sw
  * words that the call erases or programs may have any value or be unreadable.
  *
  * An erasure takes a second on some chips, so `erase` only begins it. While `erased` returns AT_WORK, no other function
- * is called. Once `erased` returns DONE, all bytes are 0xFF. A driver aborts an erasure that takes longer than allowed.
+ * is called. Once `erased` returns DONE, all bytes are 0xFF. If an erasure takes too long, `erased` returns FAILED.
  */
 typedef struct {
     void *context;
-    const uint8_t *memory;                                                /* address at which the flash is mapped */
+    const uint8_t *memory;                                                /* pointer to the byte at address 0 */
     int (*erase)(void *context, uint32_t sector);                         /* begins an erasure */
     sw_flash_state (*erased)(void *context);                              /* state of the erasure */
     int (*program)(void *context, uint32_t address, const uint8_t *word); /* programs an erased word completely */

@@ -1,4 +1,4 @@
-/* SHA-256, as in its standard, and SHA-512 for Ed25519. */
+/* SHA-256 (FIPS 180-4), and SHA-512 for Ed25519. */
 #include "sw_crypto.h"
 
 #include "sw_bytes.h"
@@ -6,7 +6,7 @@
 /* --- SHA-256 --- */
 
 #define BLOCK 64u
-#define LENGTH 8u /* number of bytes of the length at the end of the last block */
+#define LENGTH 8u /* number of bytes of the message length at the end of the last block */
 
 /* First 32 bits of the fractional parts of the cube roots of the first 64 primes. */
 static const uint32_t rounds[64] = {

@@ -6,8 +6,8 @@
 
 #define WORD SW_FLASH_WORD
 #define WORDS (SW_FLASH_SECTOR / WORD)
-#define TRIES 3u            /* number of attempts to write, each at another place */
-#define FILLED (WORDS / 2u) /* if more words are written, maintenance may blank or use the other sector */
+#define TRIES 3u            /* number of attempts to write a record, each at a new place */
+#define FILLED (WORDS / 2u) /* if more words than this are written, maintenance may erase or use the other sector */
 
 /* The first byte of a word states the word's type; it is 0xFF in a blank word. */
 #define IS_SECTOR 0xc3u
@@ -21,7 +21,7 @@
 #define DATA 8u
 #define IN_FIRST (WORD - DATA)
 #define IN_FURTHER (WORD - 1u)
-/* The first word of a sector has type, magic (3 bytes), sequence number (4 bytes) and a CRC-32 of these (4 bytes). */
+/* The first word of a sector has type, magic (3 bytes), sequence number (4 bytes), and the CRC-32 of these 8 bytes. */
 #define SEQUENCE 4u
 #define SECTOR_CRC 8u
 
@@ -49,7 +49,7 @@ static int read_word(const sw_records *records, uint32_t sector, uint32_t word, 
     return records->flash->read(records->flash->context, address_of(sector, word), data, WORD);
 }
 
-/* Writes a word and reads it back. Returns 1 if the word that was read differs from the word that was written. */
+/* Writes a word and reads it back. Returns 1 if the memory fails, or if the word that was read differs. */
 static int write_word(const sw_records *records, uint32_t sector, uint32_t word, const uint8_t data[WORD])
 {
     uint8_t found[WORD];
@@ -75,7 +75,7 @@ static uint32_t crc_begun(sw_record_kind kind, uint32_t length)
     return sw_crc32(0, head, 3);
 }
 
-/* Return where the data in word `number` of a record begin: the offset in the record, and the byte in the word. */
+/* Return where the data in word `number` of a record begin: the offset in the record's data, and in the word. */
 static uint32_t offset_of(uint32_t number) { return number == 0u ? 0u : IN_FIRST + (number - 1u) * IN_FURTHER; }
 static uint32_t begin_in(uint32_t number) { return number == 0u ? DATA : 1u; }
 
@@ -98,7 +98,7 @@ static int is_record(const sw_records *records, uint32_t word, const uint8_t fir
     return crc == sw_big_u32(&first[CRC]);
 }
 
-/* Returns whether a sector is valid, and writes its sequence number. */
+/* Returns whether a sector is valid; stores its sequence number in `sequence`. */
 static int is_valid(const sw_records *records, uint32_t sector, uint32_t *sequence)
 {
     uint8_t data[WORD];
@@ -125,7 +125,7 @@ static void scan(sw_records *records)
     }
 }
 
-/* Returns whether a sequence number is later than the other; after the largest number, 0 follows. */
+/* Returns whether the sequence number `one` is later than `other`; the largest number is followed by 0. */
 static int is_later(uint32_t one, uint32_t other) { return one != other && one - other <= UINT32_MAX / 2u; }
 
 void sw_records_open(sw_records *records, const sw_flash *flash)
@@ -176,7 +176,7 @@ sw_flash_state sw_records_erased(sw_records *records)
     return state;
 }
 
-/* Erases a sector that is not blank, if erasing is allowed now. */
+/* Erases a sector that is not blank. Returns 1 if the erasure fails or is not allowed now. */
 static int blanked(sw_records *records, uint32_t sector)
 {
     sw_flash_state state = SW_FLASH_AT_WORK;
@@ -328,7 +328,7 @@ static int moved(sw_records *records, const record *of)
     return 0;
 }
 
-/* Returns whether more than half of the written words are outdated, so that a move would free them. */
+/* Returns whether the sector is more than half full, and more than half of its written words are outdated. */
 static int is_worth_a_move(const sw_records *records)
 {
     uint32_t kept = 1;
@@ -354,7 +354,7 @@ void sw_records_care(sw_records *records)
     } else if (records->other == (uint8_t)SW_OTHER_BLANK && is_worth_a_move(records)) {
         if (moved(records, NULL) != 0) records->other = SW_OTHER_BAD;
     } else {
-        /* The sector still has room. */
+        /* The other sector is unusable, or a move would not free enough words. */
     }
 }
 

@@ -5,8 +5,8 @@
  * like another record. The newest complete record of a kind is valid. When a sector is full, the newest records are
  * copied into the other sector. The first word of a sector makes the sector valid, and is written last.
  *
- * An erasure takes longer than a control period. Before control begins, the code waits for the erasure. Later
- * sw_records_care begins and checks an erasure while the jets are shut, so that the other sector is blank in time.
+ * An erasure takes longer than a control period. Before control begins, the code waits until it has ended. During
+ * control, sw_records_care erases the other sector in advance, while the jets are shut, and does not wait.
  */
 #ifndef SW_RECORDS_H
 #define SW_RECORDS_H
@@ -41,8 +41,8 @@ typedef struct {
     uint8_t limit;                     /* sw_records_limit */
     uint8_t is_erasing;                /* an erasure of any sector is running: nothing else is allowed */
     uint8_t other;                     /* sw_records_other */
-    uint32_t sector;                   /* the valid sector, or SW_RECORD_SECTORS */
-    uint32_t sequence;                 /* sequence number of the valid sector; the later number is newer */
+    uint32_t sector;                   /* the sector in use; SW_RECORD_SECTORS if no sector is valid */
+    uint32_t sequence;                 /* sequence number of this sector; if both are valid, the later is used */
     uint32_t end;                      /* number of the first word after the written words */
     uint32_t words[SW_RECORD_KINDS];   /* number of the first word of each kind's newest record; 0: none */
     uint32_t lengths[SW_RECORD_KINDS]; /* lengths of the newest records of each kind, in bytes */
@@ -70,8 +70,8 @@ int sw_records_read(const sw_records *records, sw_record_kind kind, uint32_t off
 /* Returns the length of the newest record of a kind; 0 if there is none. */
 uint32_t sw_records_length(const sw_records *records, sw_record_kind kind);
 
-/* Replaces a record. If the power fails meanwhile, either the old or the new record is valid. Returns 1 if no place can
- * be written, or if `limit` permits no place; the old record then stays valid.
+/* Replaces a record. If the power fails meanwhile, either the old or the new record is valid. Returns 1, and the old
+ * record stays valid, if the record is too long, an erasure runs, `limit` forbids a necessary move, or writing fails.
  */
 int sw_records_keep(sw_records *records, sw_record_kind kind, const uint8_t *data, uint32_t length);
 

@@ -20,7 +20,7 @@ int sw_key_is_revoked(const uint8_t *list, const uint8_t key[32]);
 #define SW_HEADER_BYTES 512u
 #define SW_NAME_BYTES 64u
 
-/* The verdicts in the order of the checks, as in can_bridge/flashing/verdicts.py; the bus has the same numbers. */
+/* The verdict names the first failed check. Testers receive these numbers (can_bridge/flashing/verdicts.py). */
 typedef enum {
     SW_VERDICT_GOOD = 0,
     SW_VERDICT_INCOMPLETE = 1,
@@ -37,16 +37,16 @@ typedef enum {
     SW_VERDICT_TOO_OLD = 12,
     SW_VERDICT_UNREADABLE = 13,
     SW_VERDICT_EMPTY = 14,
-    SW_VERDICT_WRONG_BUILD = 15, /* checked after WRONG_DBC; at the end sw_image_open checks again */
+    SW_VERDICT_WRONG_BUILD = 15, /* checked after WRONG_DBC, and at the end by sw_image_open */
     SW_VERDICT_NONE = 0xff       /* the image is not judged yet */
 } sw_verdict;
 
 /* The properties of this ECU against which releases are judged. */
 typedef struct {
     uint8_t root[32];        /* Ed25519 key that signs key lists */
-    uint8_t layout[32];      /* SHA-256 of the build's layout of the payload */
+    uint8_t layout[32];      /* SHA-256 of the payload's layout in this build */
     uint8_t dbc[32];         /* SHA-256 of stillwake.dbc */
-    uint8_t hardware[64];    /* UTF-8, zero padded */
+    uint8_t hardware[64];    /* name of the hardware in UTF-8, padded with zeros */
     uint8_t vehicle[44];     /* bytes 148..191 of the header of every image for this vehicle: control period,
                                 operating point, action limit, number of sensors */
 } sw_rules;

@@ -1,4 +1,4 @@
-/* The verification of Ed25519 signatures (R, s) by a key A (RFC 8032); OpenSSL gives the same results in Python.
+/* The verification of Ed25519 signatures (R, s) by a key A (RFC 8032). In Python, OpenSSL gives the same results.
  * Monocypher's arithmetic computes the point sB - hA. The point's encoding must equal R byte by byte.
  *
  * Monocypher's own check allows a difference of small order between both sides of the equation, and its tables take
@@ -74,7 +74,7 @@ int sw_key_is_weak(const uint8_t key[32])
     return weak;
 }
 
-/* Computes SHA-512 of R, the key and the data, reduced by the group's order. */
+/* Computes SHA-512 of R, the key and the data, modulo the group's order. */
 static void challenge(uint8_t h[POINT], const uint8_t *signature, const uint8_t *key, const uint8_t *data, uint32_t length)
 {
     uint8_t hash[64];

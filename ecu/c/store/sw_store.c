@@ -17,7 +17,7 @@ static int is_blank(const sw_store *store, uint32_t address)
     return all == 0xffu;
 }
 
-/* Returns the offset at which writing can continue, possibly a sector's start; SW_NO_OFFSET if it cannot continue. */
+/* Returns where writing can continue: after the received bytes, or at a sector's start; SW_NO_OFFSET if nowhere. */
 static uint32_t begin_again(const sw_store *store, uint32_t slot)
 {
     const sw_slot_state *standing = &store->state.slots[slot];
@@ -113,7 +113,7 @@ void sw_store_drop(sw_store *store)
     store->announced = SW_NO_SLOT;
 }
 
-/* Ends the announcement of an image: the slot's memory after the received bytes is now writable. */
+/* Completes the announcement of an image: the slot's memory after the received bytes is now writable. */
 static sw_store_result announced(sw_store *store)
 {
     const sw_slot_state *announced_slot = &store->scratch.next.slot;
@@ -161,8 +161,8 @@ sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_
     return SW_STORE_MORE;
 }
 
-/* Writes a part of the bytes, and counts them in the draft of the state (in the scratch memory). After the last part
- * the draft is stored; from then on the bytes count as received.
+/* Writes the next part of the bytes, and counts it in the draft of the state (in the scratch memory). After the last
+ * part the draft is stored; from then on all these bytes count as received.
  */
 static sw_store_result appended(sw_store *store)
 {

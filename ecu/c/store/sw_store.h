@@ -3,14 +3,14 @@
  *
  *     announce, append .., finish     write an image into the slot that is not protected, and check it in flash
  *     activate                        lets the image boot from the next reset on, at most SW_TRIAL_BOOTS times
- *     confirm                         ends the trial; the least security version rises to the image's version
+ *     confirm                         ends the trial; raises the minimum security version to the image's version
  *     revert                          lets the previous release boot at the next reset
  *
- * A power loss may interrupt any call. If there was a valid image before, the next boot then finds a valid image from
- * the stored state. The code is freestanding, without allocation or static state. Long work is done in parts: after
+ * A power loss may interrupt any call. The next boot uses the stored state, and finds a valid image if there was one
+ * before. The code is freestanding, without allocation or static state. Long work is done in parts: after
  * SW_STORE_MORE, call sw_store_go_on until it returns another result. The calls above, sw_store_boot and sw_store_drop
- * first discard unfinished work and wait for a running erasure. While sw_store_is_erasing, call only sw_store_go_on and
- * the functions that read state, facts and report.
+ * first discard unfinished work; if this work is an erasure, they wait until it has ended. While sw_store_is_erasing,
+ * call only sw_store_go_on, sw_store_drop and functions that do not access the flash, such as sw_store_report.
  */
 #ifndef SW_STORE_H
 #define SW_STORE_H
@@ -33,17 +33,17 @@
 typedef enum {
     SW_STORE_DONE = 0,
     SW_STORE_MORE,         /* the work is not finished: call sw_store_go_on */
-    SW_STORE_OUT_OF_RANGE, /* ConfigError: the length is too great, or 0 */
-    SW_STORE_OUT_OF_ORDER, /* OutOfOrderError: not allowed in the present state */
-    SW_STORE_BAD_KEYS,     /* KeyFileError: the key list is refused */
-    SW_STORE_BAD_MEMORY    /* MediumError: the flash memory failed */
+    SW_STORE_OUT_OF_RANGE, /* a length is 0 or too great, or a security level is unknown (ConfigError in Python) */
+    SW_STORE_OUT_OF_ORDER, /* the call is not allowed in the present state (OutOfOrderError) */
+    SW_STORE_BAD_KEYS,     /* the key list is refused (KeyFileError) */
+    SW_STORE_BAD_MEMORY    /* the flash memory failed (MediumError) */
 } sw_store_result;
 
 typedef enum {
     SW_PHASE_EMPTY = 0,
     SW_PHASE_FILLING = 1,   /* the image is announced; its first `received` bytes are stored */
     SW_PHASE_CHECKED = 2,   /* the image is complete and valid */
-    SW_PHASE_TRIAL = 3,     /* the image boots from the next reset on, boots_left times */
+    SW_PHASE_TRIAL = 3,     /* the image boots from the next reset on, at most boots_left times */
     SW_PHASE_CONFIRMED = 4, /* the image was confirmed; its release runs now, or ran before the running release */
     SW_PHASE_BAD = 5        /* the image is never booted */
 } sw_phase;
@@ -69,7 +69,7 @@ typedef struct {
 /* The state of the store, as StoreState in can_bridge/flashing/state.py. Slots are 0 (A) and 1 (B). */
 typedef struct {
     sw_slot_state slots[2];
-    uint8_t active; /* slot of the confirmed image; SW_NO_SLOT: none yet */
+    uint8_t active; /* slot of the image that boots if no image is on trial; SW_NO_SLOT: none */
     uint8_t attempts[2];
     uint32_t least_security_version;
     uint8_t tail[2][SW_FLASH_WORD]; /* bytes of each slot after its last complete word */
@@ -77,7 +77,7 @@ typedef struct {
 
 typedef enum { SW_WORK_NONE = 0, SW_WORK_CLEAR, SW_WORK_APPEND, SW_WORK_FINISH, SW_WORK_REVERT } sw_work;
 
-/* The scratch memory for reading an image, or for changing the state. A changed state is in force when it is stored. */
+/* The scratch memory for reading an image or changing the state. A changed state takes effect when it is stored. */
 typedef union {
     struct {
         sw_sha256 whole, payload;
@@ -106,7 +106,7 @@ typedef struct {
     uint8_t verdict;     /* verdict of the latest `finish` or `revert` */
     uint32_t wanted;     /* result of `announce`: offset of the next bytes to send */
     /* Long work; it is done in parts. */
-    uint8_t work, slot;  /* sw_work, and its slot */
+    uint8_t work, slot;  /* sw_work, and the slot that it changes or checks */
     uint32_t at, until;  /* at: number of sectors erased, or bytes read or appended; until: number of bytes to append */
     const uint8_t *data; /* bytes to append */
     sw_scratch scratch;
@@ -115,10 +115,10 @@ typedef struct {
 /* Finds the stored records after power-on. The arguments must stay valid while the store is used. */
 void sw_store_open(sw_store *store, const sw_flash *flash, const sw_rules *rules, sw_store_opens opens);
 
-/* Chooses an image and checks it completely. Counts a boot on trial first. If one image fails, checks the other. */
+/* Chooses and checks an image; if it fails, checks the other image. A boot on trial is counted before the check. */
 void sw_store_boot(sw_store *store);
 
-/* Returns the booted image's address in the flash, or NULL. This address is valid until the slot is announced again. */
+/* Returns the booted image's address in the flash, or NULL; valid until an image is announced for the same slot. */
 const uint8_t *sw_store_image(const sw_store *store);
 
 /* Copies the first `length` bytes of the booted image. Returns 1 if the bytes cannot be read. */
@@ -149,7 +149,7 @@ void sw_store_drop(sw_store *store);
 sw_store_result sw_store_activate(sw_store *store); /* errors: OUT_OF_ORDER, BAD_MEMORY */
 sw_store_result sw_store_confirm(sw_store *store);  /* errors: OUT_OF_ORDER, BAD_MEMORY */
 
-/* Lets the earlier release boot at the next reset. store->verdict is then GOOD, or why the release may not run. */
+/* Lets the earlier release boot at the next reset. store->verdict is then GOOD, or the release's failed check. */
 sw_store_result sw_store_revert(sw_store *store); /* errors: OUT_OF_ORDER, BAD_MEMORY */
 
 /* Replaces the key list by a list that the root key signed. Errors: BAD_KEYS, BAD_MEMORY. */
@@ -161,7 +161,7 @@ sw_store_result sw_store_keep_calibration(sw_store *store, const uint8_t *data, 
 /* Copies the running release's stored calibration if it has at most `room` bytes. Returns its length, or 0. */
 uint32_t sw_store_calibration(const sw_store *store, uint8_t *data, uint32_t room);
 
-/* Returns whether the state can be stored now. It cannot while the jets run and the sector is full. */
+/* Returns whether the state can be stored now. While the jets run, this requires room in the sector in use. */
 int sw_store_has_room(const sw_store *store);
 
 /* Read and store the number of consecutive wrong keys at a security level (0x01 programming, 0x03 calibration). Errors:
@@ -193,14 +193,14 @@ sw_store_state *sw_state_draft(sw_store *store);
 /* Stores the next state. Returns 1 if it cannot be stored; the previous state then stays valid. */
 int sw_state_keep(sw_store *store, const sw_store_state *next);
 int sw_state_slots_equal(const sw_slot_state *one, const sw_slot_state *other);
-uint32_t sw_state_in_phase(const sw_store_state *state, sw_phase phase); /* returns SW_NO_SLOT if there is none */
+uint32_t sw_state_in_phase(const sw_store_state *state, sw_phase phase); /* a slot in this phase, or SW_NO_SLOT */
 void sw_state_give_up(sw_slot_state *slot);
 
 /* sw_store.c */
 uint32_t sw_slots_address(uint32_t slot);
 
-/* sw_store_judge.c: the judgement of a slot. sw_judge_go_on executes one part and returns 1 if more parts follow. At
- * the end the scratch memory has the header of a good image.
+/* sw_store_judge.c: the judgement of a slot. sw_judge_go_on executes one part and returns 1 if more parts follow. If
+ * sw_judge_end returns GOOD, the scratch memory has the image's header.
  */
 void sw_judge_begin(sw_store *store, uint32_t slot);
 int sw_judge_go_on(sw_store *store);

@@ -1,5 +1,5 @@
-/* The images in the flash: the checks of an image, the choice of the image to boot, and the report for testers. It
- * corresponds to store.py, report.py (which has the layout) and `judged` of remembered.py in can_bridge/flashing.
+/* The images in the flash: the checks of an image, the choice of the image to boot, and the report for testers. This
+ * file corresponds to store.py, report.py (the report's layout) and `judged` of remembered.py in can_bridge/flashing.
  */
 #include "sw_store.h"
 
@@ -97,7 +97,7 @@ static int boot_trial(sw_store *store, uint32_t slot)
     return 0;
 }
 
-/* Boots the confirmed or the previous image. An image that fails stays confirmed; the next boot checks it again. */
+/* Boots the active or else the previous image. An image that fails stays confirmed; the next boot checks it again. */
 static void boot_confirmed(sw_store *store, int is_reverted)
 {
     const uint32_t active = store->state.active;
@@ -143,7 +143,7 @@ const uint8_t *sw_store_image(const sw_store *store)
 /* --- Report --- */
 
 #define HEAD 18u
-#define SLOT 49u /* number of bytes of a slot in the report before its name */
+#define SLOT 49u /* number of bytes of a slot in the report before the release's name */
 
 static uint32_t next_boot(const sw_store_state *state)
 {

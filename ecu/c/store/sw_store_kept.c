@@ -1,13 +1,13 @@
-/* The data that survive a power loss. The record of the slots comes first. This record begins with the bytes of the
- * record in can_bridge/flashing/state.py. Each slot's bytes after its last complete word follow, because only complete
- * words can be written to a slot.
+/* The data that survive a power loss. The record of the slots begins with the same bytes as the record in
+ * can_bridge/flashing/state.py. Then, for each slot, it has the bytes after the slot's last complete word, because only
+ * complete words can be written to a slot.
  */
 #include "sw_store.h"
 
 #include "sw_bytes.h"
 
 #define MAGIC 4u
-#define SLOT 112u /* number of bytes of a slot in the record before its name */
+#define SLOT 112u /* number of bytes of a slot in the record before the release's name */
 #define REST 7u
 #define CRC 4u
 #define MOST_BYTES (MAGIC + 2u * (SLOT + SW_NAME_BYTES) + REST + CRC + 2u * SW_FLASH_WORD)
@@ -67,7 +67,7 @@ static int is_sound_slot(const sw_slot_state *slot)
     const uint32_t most_boots = phase == SW_PHASE_TRIAL ? SW_TRIAL_BOOTS : 0u;
     const int is_filling = phase == SW_PHASE_FILLING;
     const int is_named = slot->facts.name_length > 0u;
-    sw_slot_state nameless; /* copy of this slot's entry without the data about its image */
+    sw_slot_state nameless; /* copy of the slot's state without the facts about its image */
     sw_state_empty_slot(&nameless);
     if (phase != SW_PHASE_EMPTY) {
         if (phase > SW_PHASE_BAD || slot->length == 0u || slot->length > SW_SLOT_BYTES) return 0;
@@ -91,7 +91,7 @@ static int is_sound(const sw_store_state *state)
     return state->active == SW_NO_SLOT || (state->active < 2u && state->slots[state->active].phase == SW_PHASE_CONFIRMED);
 }
 
-/* Reads a record; returns 0 if it is invalid. It must be checked, because it decides which image boots. */
+/* Reads a record; returns 0 if it is invalid. Its values are checked, because they decide which image boots. */
 static int decoded(const uint8_t *data, uint32_t length, sw_store_state *state)
 {
     uint32_t at = MAGIC;
@@ -182,7 +182,7 @@ void sw_state_give_up(sw_slot_state *slot)
 
 /* --- Key list, calibrations, failed attempts and faults; they correspond to can_bridge/flashing/remembered.py --- */
 
-/* The record of calibrations: magic (4 bytes), number (1); for each calibration, digest (32), length (2) and data. */
+/* The record of calibrations: magic (4 bytes), count (1); for each calibration, digest (32), length (2) and data. */
 #define HEAD 5u
 #define ENTRY 34u
 #define DIGEST 32u
@@ -236,7 +236,7 @@ static int is_before(const uint8_t one[DIGEST], const uint8_t other[DIGEST])
     return one[i] < other[i];
 }
 
-/* Returns the length of a release's calibration, and writes its offset; 0 if there is none or the record is invalid. */
+/* Returns the length of a release's calibration, or 0 if no valid one is stored; writes its offset to `place`. */
 static uint32_t found(const sw_store *store, const uint8_t digest[DIGEST], uint32_t *place)
 {
     uint8_t data[ENTRY], before[DIGEST];
