@@ -32,8 +32,8 @@ extern "C" {
  */
 int sw_ecu_init(sw_ecu *ecu);
 
-/* Initialises the ECU with the parameters of a release that is not compiled in, as sw_image_open returns them. The
- * memory to which `numbers` points must stay valid while the ECU runs; `numbers` itself need not stay valid.
+/* Initialises the ECU with the parameters of a release that is not compiled in, for example from sw_image_open. The
+ * struct *numbers is copied. The parameters to which its members point must stay valid while the ECU runs.
  */
 int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers);
 
