@@ -130,7 +130,7 @@ class ControllerMemory(ArrayValue):
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
-        """The numbers L, S and H, and the delay in periods. They are equal in all memories of a controller."""
+        """The sizes L, S and H, and the delay in periods. All memories of a controller have equal sizes and delays."""
         return len(self.window), self.window.shape[1] - 1, len(self.plan), len(self.under_way.pending)
 
     @property

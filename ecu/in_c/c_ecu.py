@@ -108,7 +108,7 @@ class CEcu(CEcuState):
 
     Attributes:
         description: compiler and flags of the control step, in words.
-        lib, ecu: the loaded library, with the types of `Structs.ffi`, and its `sw_ecu`, as declared in `Structs.ffi`.
+        lib, ecu: the loaded library and its `sw_ecu`; `Structs.ffi` declares the types of both.
     """
 
     def __init__(

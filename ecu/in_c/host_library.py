@@ -26,7 +26,7 @@ _ALIGNMENT: Final = 64
 
 class CController(NeverCopied):
     """A compiled and loaded library, with the structures and the scratch memory that a caller has to provide, and a
-    description of compiler and flags. Raises LibraryError if there is no compiler, or if it rejects the files.
+    description of compiler and flags. Raises LibraryError if no compiler exists, or the compiler rejects the files.
 
     Args:
         contents: the library's files by name.
