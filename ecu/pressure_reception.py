@@ -1,5 +1,4 @@
-"""The conversion of a control period's frames to pressures that the controller may use, or to the reason why there are
-none.
+"""The conversion of a control period's frames to usable pressures, or to the reason why there are none.
 
 The checks are, in this order: authentication, end-to-end check, content, age, the sensors' own diagnosis.
 

@@ -123,8 +123,7 @@ class SpeedState:
     Attributes:
         ratio: ratio of the last accepted speed to the design speed; None if no speed is in force.
         density: density of the air in kg/m3, from the frame with this speed, or else from the operating point.
-        is_off: whether the speed has left the release's range by more than the margin and has not returned into the
-            range.
+        is_off: whether the speed has left the release's range by more than the margin and has not come back into it.
         air: estimate of the air speed.
     """
 

@@ -56,9 +56,9 @@ int sw_ecu_authenticate(sw_ecu *ecu, const sw_authentication *given);
  */
 int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values);
 
-/* Continues from a saved state: `state` of an sw_ecu with the same release, settings and calibration. Returns 0, or 1
- * for a state that no ECU can reach, for example after a memory failure; the ECU is then unchanged. The function checks
- * only values that would lead outside an array or a number's range; the caller may add a checksum.
+/* Continues from a saved state: `state` of an sw_ecu with the same release, settings and calibration. Returns 0; or 1,
+ * and leaves the ECU unchanged, if the delay differs, or if no ECU can reach the state, for example after a memory
+ * failure. Checks only values that would lead outside an array or a number's range; the caller may add a checksum.
  */
 int sw_ecu_restore(sw_ecu *ecu, const sw_ecu_state *state);
 

@@ -94,7 +94,7 @@ class Connection:
         return self._health
 
     def rejected(self) -> Mapping[Rejection, int]:
-        """Return for each reason the number of received items that this node could not use since the bus was opened."""
+        """Return the number of unusable items received since the bus was opened, for each reason of the rejection."""
         return {} if self._bus is None else self._bus.bus.rejected
 
     def send(self, frames: Sequence[Frame]) -> bool:

@@ -48,7 +48,7 @@ class FrameReception:
 
     @property
     def received(self) -> int:
-        """The number of frames of the ECU's messages so far."""
+        """The number of received frames of the ECU's messages."""
         return self._pressures.received + self._others.received
 
     @property

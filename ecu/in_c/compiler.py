@@ -19,8 +19,7 @@ OPTIMISED: Final = ("-O3", "-march=native", "-ffp-contract=fast")
 """Flags for speed. They allow fused multiply-adds, which change only roundings; the sources reject -ffast-math."""
 
 EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
-"""Flags with which the decisions in C equal the decisions in Python bit for bit. GCC needs -ffp-contract=off, because
-it ignores the pragma in the sources."""
+"""Flags with which C and Python decide bit for bit equally. GCC ignores the sources' pragma and needs the last flag."""
 
 
 def host_compiler() -> list[str]:

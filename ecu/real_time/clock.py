@@ -1,4 +1,4 @@
-"""The clock for real time, and a sleep until an instant of this clock: CLOCK_MONOTONIC, which cannot be set.
+"""The clock CLOCK_MONOTONIC, which cannot be set, and a sleep until an instant of this clock.
 
 `time.sleep` takes a duration: if a process loses the processor between computing the duration and sleeping, it wakes
 too late. `clock_nanosleep` takes the instant itself. Python has no such function, so this module calls the function of
