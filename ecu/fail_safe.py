@@ -240,7 +240,7 @@ _COUNTS_NO_LOSS: Final = frozenset({_S.FAULT, _S.UPDATE})
 
 @dataclass(frozen=True, kw_only=True)
 class FailSafe:
-    """The state of the fail-safe. `next` returns it once a period; `latch` does so if a fault is found after `next`.
+    """The state of the fail-safe. `next` computes it once a period, and `latch` again if a fault is found after `next`.
 
     Attributes:
         misses: number of consecutive periods without usable pressures.
