@@ -1,8 +1,8 @@
 """The check whether control helps: it compares the pressures under control with the pressures while the jets were shut.
 
-docs/explanation/what-shuts-the-jets.md explains both quantities, the test of a suspicion, and when the fault latches.
-The speed, and with it the wake, may have changed since the wake without control was measured. So the values of each
-period are divided by the values of the release's own wake without jets at the speed of that period.
+docs/explanation/what-shuts-the-jets.md explains the two compared quantities, the test with shut jets, and when the
+fault latches. The speed, and with it the wake, may have changed since the wake without control was measured. So each
+period's values are divided by the values of the release's own wake without jets at the period's speed.
 """
 
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ PATIENCE: Final = 6
 """Total duration of the tests after which the fault latches, as a multiple of `wake_periods`. With the default settings
 the jets are shut for 18 s in these tests; in this time the vehicle may leave a speed at which control does harm."""
 UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
-"""Value of `BenefitCheck.resting` for a release without these data: so small that only the measured values count."""
+"""Value of `BenefitCheck.resting` for a release without these data: so small that `_helps` uses only measured means."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,8 +74,8 @@ class BenefitCheck:
     Attributes:
         base: (B,) indices of the release's B sensors on the base.
         pairs: (P, 2) indices of the P pairs of mirrored sensors.
-        resting: (K, 3) the release's wake without jets at K rising speeds. Each row has the speed in design speeds, the
-            mean base pressure (below zero) in Cp, and the swing in Cp (see `BenefitCheckState`).
+        resting: (K, 3) the release's wake without jets at K increasing speeds. A row has the speed divided by the
+            design speed, the mean base pressure (below zero) in Cp, and the swing in Cp (see `BenefitCheckState`).
     """
 
     base: tuple[int, ...]
@@ -146,7 +146,7 @@ class BenefitCheck:
     def _tested(
         self, state: BenefitCheckState, cp: Array | None, speed: float
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Compute `next` in a test. The means cover more cycles: a wrong result would let harmful control continue."""
+        """Compute `next` in a test. The means cover `wake_periods`, since an error would let harmful control go on."""
         if cp is None:
             return state, None
         config = self.config
@@ -182,7 +182,7 @@ class BenefitCheck:
         )
 
     def _measured(self, cp: Array, speed: float) -> tuple[float, float]:
-        """Return suction and swing divided by the release's values without jets. The C code sums in this order."""
+        """Return suction and swing divided by the release's values without jets; C sums in the same order."""
         base = swing = 0.0
         for place in self.base:
             base += float(cp[place])

@@ -14,9 +14,9 @@ from ecu.fit import check_sensors
 
 class BundlePolicy:
     """A `wake.recording.episode_job.Policy`. Its action is zero until the window is full, then the first action of each
-    plan. Exploration may have changed this action, but the next plan does not start from it: the graph shifts the
-    plan by one step. `layout` has the columns of Cp in each step. Raises BundleError if the model does not load, or if
-    a sensor that the model reads is missing on the plant or has another position there."""
+    plan. If exploration changes this action, the next plan is not affected: the graph shifts the plan by one step,
+    which drops its first action. `layout` names the columns of `Cp`. Raises BundleError if the model does not load, or
+    if a sensor that the model reads is missing on the plant or has another position there."""
 
     def __init__(self, bundle: Bundle, controller: Controller | None = None, layout: SensorLayout = TRUCK) -> None:
         manifest = bundle.manifest

@@ -17,7 +17,7 @@ from contract.controller.interface import TERMS
 from contract.release.checks import Bundle
 
 LEAST_SHARE: Final = 0.05
-"""Smallest share of the vehicle's `flow.action_limit` and `ecu.command_step`; a smaller share would end the control."""
+"""Smallest share of the vehicle's `flow.action_limit` and `ecu.command_step`; with less, control has no effect."""
 
 
 def release_calibration(bundle: Bundle, config: Config) -> Calibration:

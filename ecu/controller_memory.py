@@ -98,8 +98,7 @@ class ControllerMemory(ArrayValue):
         rows: number of rows with data, 0 to L; these are the last rows of the window.
         gap: number of consecutive periods without pressures.
         plan: (H,) plan for H steps, as computed by the controller; zeros without a plan.
-        under_way: sent actions, which the actuator delays: the first takes effect now, the others in the following
-            periods.
+        under_way: sent actions, which the actuator delays: the first takes effect now, the others in later periods.
         past: rows from which the window of a release with a range of speeds is interpolated; None for other releases.
     """
 
@@ -130,7 +129,7 @@ class ControllerMemory(ArrayValue):
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
-        """The numbers L, S and H, and the delay in periods. They are equal in all memories of a controller."""
+        """The sizes L, S and H, and the delay in periods. All memories of a controller have equal sizes and delays."""
         return len(self.window), self.window.shape[1] - 1, len(self.plan), len(self.under_way.pending)
 
     @property

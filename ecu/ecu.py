@@ -126,7 +126,7 @@ class Ecu:
         Args:
             now_ns: time of the step in ns, on the same clock as the frames' timestamps.
             frames: all frames received since the last step, oldest first.
-            health: health of the CAN controller, for the status.
+            health: health of the CAN controller, for the status and the check for bus-off.
         """
         outcome = self.next(self._state, now_ns, frames, health, **around)
         self._state, self.trace = outcome.state, outcome.trace
@@ -150,7 +150,7 @@ class Ecu:
             flow_m2_per_s=passed.flow_m2_per_s,
             mode=mode.on_wire,
             enable=passed.enable,
-            # The command states the counter of the latest usable pressures, even if the command repeats an earlier one.
+            # A command has the counter of this period's pressures, or of the older ones from which it was computed.
             pressure_counter=after.pressure_counter if inputs.usable or mode.drives_jets else None,
             next_period=self._config.ecu.plan_ahead,
         )
@@ -261,7 +261,7 @@ class Ecu:
     def _checked(
         self, state: SensorCheckState, memory: ControllerMemory, received: Received, skipped: int
     ) -> tuple[SensorCheckState, ControllerMemory, Reason | None]:
-        """Return the check's state, the memory with estimates of a faulty sensor, and a reason to shut the jets."""
+        """Return the sensor check's state, the memory with estimates for a faulty sensor, and its fault or None."""
         if self._sensor_check is None:
             return state, memory, None
         after, fault = self._sensor_check.next(
@@ -274,16 +274,16 @@ class Ecu:
     def _judged(
         self, state: EcuState, memory: ControllerMemory, speed: float, *, usable: bool
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Return the check's state, and a reason to shut the jets. The estimate replaces a faulty sensor's reading."""
+        """Return the benefit check's state, and its fault or None. `memory` has estimates for a faulty sensor."""
         if self._benefit_check is None:
             return state.benefit, None
         cp = memory.window[-1, :-1] if usable else None
         return self._benefit_check.next(state.benefit, cp, drives=state.fail_safe.mode.drives_jets, speed=speed)
 
     def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> tuple[ControllerMemory, float, Array | None]:
-        """Return the memory with or without a plan, the action in U_inf W for the command gate, and the predicted
-        (Cd, Cl) in the H steps of the horizon, (H, 2). `memory` already has this period's row. Raises ControllerError
-        if the controller fails."""
+        """Return the memory with this period's plan, the action in U_inf W for the command gate, and the predicted
+        (Cd, Cl) in the H steps of the horizon, (H, 2). Only CONTROL has a new plan and forces. `memory` already has
+        this period's row. Raises ControllerError if the controller fails."""
         latest = memory.under_way.newest
         if mode is OperatingMode.CONTROL:
             planned, answer = memory.planned(self._controller, self._weights, self._config.flow.action_limit)

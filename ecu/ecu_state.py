@@ -26,7 +26,7 @@ from ecu.timing import StepTiming
 
 class Surroundings(TypedDict, total=False):
     """The external conditions of an ECU in a control period: a `fault` for which the ECU must switch itself off, and
-    whether a release is being written. With `updating` the ECU goes off once no jet may run, until a reset."""
+    `updating`, whether a release is being written; as soon as no jet may run, the ECU is then off until a reset."""
 
     fault: Reason | None
     updating: bool
@@ -135,7 +135,7 @@ def answers(
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trace:
     """The results of the latest step, for observers. `action` is the sent action in U_inf W. `forces` are the predicted
-    (Cd, Cl) over the H steps of the horizon, (H, 2), in units of the design speed, or None."""
+    (Cd, Cl) over the H steps of the horizon, (H, 2), in units of the design speed; None without a plan."""
 
     mode: Mode
     action: float

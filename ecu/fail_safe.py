@@ -25,7 +25,7 @@ class OperatingMode(Enum):
     """There have been no usable pressures since power-on."""
     STANDBY = auto()
     """Pressures arrive. The vehicle's request for control has been high since power-on. The request may be older than a
-    fault, so it must become low before control can start."""
+    fault or a reset, so it must become low before control can start."""
     ARMED = auto()
     """The request for control is low; control starts when the request rises."""
     WARMUP = auto()
@@ -69,7 +69,7 @@ class PeriodInputs:
 
     Attributes:
         usable: whether pressures arrived that the controller may use; otherwise `unusable_because` is the reason.
-        enable_request: enable request of the vehicle, from a trusted frame of this period; None if there is none.
+        enable_request: enable request of the vehicle; None if no frame arrived that may change it.
         off_speed: whether the vehicle is slower or faster than the range of speeds of the release.
         tests: whether the jets must be shut to measure the wake without control.
         fault: reason for which the ECU must switch itself off in this period, even if good frames arrived.
@@ -181,7 +181,7 @@ class Transition:
     """A row of the table: if the mode is in `start` and the condition `when` is true, the next mode is `to`.
 
     Attributes:
-        within: number of periods from the first period with the cause to the ECU's reaction, or a formula of settings.
+        within: number of periods after which the ECU reacts (1: in the first period of the cause), or a formula.
     """
 
     start: frozenset[OperatingMode]
@@ -240,8 +240,7 @@ _COUNTS_NO_LOSS: Final = frozenset({_S.FAULT, _S.UPDATE})
 
 @dataclass(frozen=True, kw_only=True)
 class FailSafe:
-    """The state of the fail-safe. It changes only by `next`, once a period, and by `latch`, if a fault is found after
-    `next`.
+    """The state of the fail-safe. `next` computes it once a period, and `latch` again if a fault is found after `next`.
 
     Attributes:
         misses: number of consecutive periods without usable pressures.
@@ -296,7 +295,7 @@ _NO_LIMITS: Final = EcuConfig()
 
 
 def taken(mode: OperatingMode, period: Period) -> Transition:
-    """Return the row of the table for this mode and period. A row always exists: a mode's last row has no condition."""
+    """Return the row of the table for this mode and period. The condition of a mode's last row is always true."""
     *rows, otherwise = _FROM[mode]
     for row in rows:
         if row.when.holds(period):

@@ -72,8 +72,8 @@ def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
     for name, there, here in zip(manifest.sensors, built_for, layout.positions[columns], strict=True):
         if np.abs(there - here).max() > SAME_PLACE:
             raise BundleError(
-                "bundle {!r} was built for another body: its sensor {} is at ({:g}, {:g}), on this plant at "
-                "({:g}, {:g}), in W".format(manifest.name, name, *there, *here)
+                "bundle {!r} was built for another body: in W, its sensor {} is at ({:g}, {:g}), but on this plant at "
+                "({:g}, {:g})".format(manifest.name, name, *there, *here)
             )
 
 
@@ -88,5 +88,5 @@ def positions_of(manifest: Manifest) -> Array | None:
 def _check_equal(bundle: Bundle, name: str, built_for: object, here: object, *, owner: str, remedy: str = "") -> None:
     if built_for != here:
         raise BundleError(
-            f"bundle {bundle.manifest.name!r} was built for another {name}: {built_for}, the {owner} has {here}{remedy}"
+            f"bundle {bundle.manifest.name!r} was built for {name} {built_for}, but the {owner} has {here}{remedy}"
         )

@@ -1,5 +1,4 @@
-"""The conversion of a control period's frames to pressures that the controller may use, or to the reason why there are
-none.
+"""The conversion of a control period's frames to usable pressures, or to the reason why there are none.
 
 The checks are, in this order: authentication, end-to-end check, content, age, the sensors' own diagnosis.
 
@@ -34,7 +33,7 @@ class Received(NamedTuple):
         verifier, receiver: states of the authentication and of the E2E receiver after these frames.
         cp: (S,) usable pressures at the S sensors, as Cp, sampled at `sampled_ns`; None if there are none.
         reading: (S,) the same pressures, scaled with the design speed: a stuck sensor's reading is then constant.
-        enable_request: enable request of the vehicle; None if no trusted frame states it.
+        enable_request: enable request of the vehicle; None if no frame arrived that may change it.
     """
 
     verifier: VerifierState
@@ -49,7 +48,7 @@ class Received(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class PressureReception:
-    """The reception of pressure frames, with the dynamic pressure at design speed in Pa, and the largest age in ns."""
+    """The reception of pressure frames. `dynamic_pressure` is in Pa, at design speed; `fresh_age_ns` limits the age."""
 
     message: Message[Pressure]
     key: Key | None
@@ -119,7 +118,7 @@ class OtherEcu:
             return OtherEcu(frames=self.frames + heard, until_ns=step_ns + SILENCE_NS)
         if self.until_ns is None:
             return self
-        # If the clock went back, the silence counts from now on.
+        # If the clock went back, the required time of silence begins now.
         until_ns = min(self.until_ns, step_ns + SILENCE_NS)
         return replace(self, until_ns=None if step_ns > until_ns else until_ns)
 

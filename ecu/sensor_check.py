@@ -2,7 +2,7 @@
 
 A network of the bundle estimates each pressure from the window of the other pressures
 (`contract.controller.estimator`). The residual is the pressure minus this estimate.
-docs/explanation/what-shuts-the-jets.md lists the hypotheses between which the residuals decide, and what follows.
+docs/explanation/what-shuts-the-jets.md lists the faults that the residuals can show, and the ECU's reactions.
 
 Averages of the residuals over a few periods preserve slow changes and have less noise. These averages are squared,
 and the squares are averaged over a shedding cycle. Noise, unlike a sensor fault, changes from one period to the next.
@@ -30,27 +30,27 @@ SCORE_PERIODS: Final = 32
 cycle, a wrong reading may agree with the other readings by chance."""
 NOISE_ALLOWED: Final = 0.3
 """Share of the noise's variance that is added to the variance of healthy sensors. It is twice the share that remains in
-the fast average, 1 / (2 FAST_PERIODS - 1), because the estimate of the noise's variance is noisy, too."""
+the fast average, 1 / (2 * FAST_PERIODS - 1), because the estimate of the noise's variance is noisy, too."""
 
 MOVING: Final = 0.4
-"""Smallest median of the other sensors' ranges with which a constant reading counts as stuck. Its unit is the standard
-deviation of healthy residuals: 0.018 in Cp. In the shipped recording the median in ten periods is at least 0.029."""
+"""A constant reading counts as stuck only if the median range of the other sensors is at least this number of standard
+deviations of healthy residuals: 0.018 in Cp. In the shipped recording, ten periods have a median of at least 0.029."""
 
 ALIKE: Final = 0.1
-"""Largest rms difference of two sensors' readings over a window at which one may be a copy of the other, in standard
-deviations of healthy sensors' residuals: 0.0045 in Cp. The difference of healthy sensors exceeds 0.011."""
+"""One sensor may be a copy of another if the rms difference of their readings over a window is at most this number of
+standard deviations of healthy sensors' residuals: 0.0045 in Cp. The difference of healthy sensors exceeds 0.011."""
 
 COPIED: Final = 2.0
-"""Smallest range of a sensor's readings over the window at which another sensor may be its copy, in standard deviations
-of healthy sensors' residuals: 0.09 in Cp. Under control with the shipped release most ranges exceed it; the smallest is
-0.075. In a calm wake, in which mirrored sensors agree, ranges are below 0.07."""
+"""Another sensor may be a copy of a sensor only if the sensor's readings over a window range over at least this number
+of standard deviations of healthy sensors' residuals: 0.09 in Cp. Under control with the shipped release most ranges are
+larger; the smallest is 0.075. In a calm wake, in which mirrored sensors agree, ranges are below 0.07."""
 
 DRIFT_ALLOWED: Final = 4.0
-"""Limit for slow means of residuals (64), divided by the limit for fast means. The disagreement of healthy sensors'
-slow means reaches 7, or 40 with one sensor left out."""
+"""Ratio of the limit for slow means of residuals (64) to the limit for fast means (16). The disagreement of healthy
+sensors' slow means reaches 7, or 40 with one sensor left out."""
 
 ASIDE_ALLOWED: Final = 2.0
-"""Factor by which the permitted disagreement rises when a sensor is set aside, since two sensors estimate less
+"""Factor by which the permitted disagreement rises (to 32) when a sensor is set aside, since two sensors estimate less
 accurately than three. Healthy sensors then disagree by up to 28, in a gust that the speed on the bus does not show."""
 
 
@@ -182,7 +182,7 @@ class SensorCheck:
             return replace(state, estimates=estimates), Reason.IMPLAUSIBLE if state.implausible else None
         seen = window
         if rows < length:
-            # Until the window is full after the ECU's start, its missing rows are filled with the first row.
+            # Until the window is full, its missing rows are filled with copies of its oldest row.
             seen = window.copy()
             seen[: length - rows] = window[length - rows]
         try:
@@ -282,7 +282,7 @@ def _split(values: Array, sensors: int) -> tuple[Array, Array]:
 
 
 def _with_swaps(table: Array) -> Array:
-    """Append a row for each of the P pairs, (S + P, S); it has the values of sensors estimated by all others."""
+    """Append a row for each of the P pairs, (S + P, S): the values of sensors that are estimated by all others."""
     return np.concatenate([table, np.tile(table.diagonal(), (len(pairs(len(table))), 1))])
 
 

@@ -7,7 +7,7 @@ vehicle hardly changes its speed in a fraction of a second.
 
 The speed on the bus lacks the wind. Under control the ECU estimates the logarithm of the speed in use divided by the
 air speed (`contract.controller.air_speed`), and slowly corrects the speed in use until this estimate is near zero. The
-correction is limited, and stays as it is while the jets are shut, while pressures are missing, or with a faulty sensor.
+correction is limited. It does not change while the jets are shut, pressures are missing, or a sensor is faulty.
 """
 
 from collections.abc import Sequence
@@ -32,8 +32,8 @@ from contract.release.manifest import Manifest, SpeedRange
 TOLERATED: Final = 0.02
 """Magnitude of the estimate below which the speed is not corrected: about the rms error of the estimate."""
 MOST_REST: Final = 0.1
-"""Largest magnitude of the rest, the part of the estimate that is not tolerated. In a wake that differs from
-the wakes of the fit, the estimate can have any value."""
+"""Limit of the rest, the part of the estimate beyond `TOLERATED`. In a wake that differs from the wakes to which the
+weights were fitted, the estimate can have any value."""
 RATE: Final = 0.003
 """Share of the rest by which the speed is corrected in a period. A rate of 0.01 follows the estimate's fluctuations: on
 the drive `wltc-high` the drag then falls by 22.4 % instead of 25.4 % (medians of three starts)."""
@@ -88,7 +88,7 @@ class AirSpeed:
         """Return the state after a period.
 
         Args:
-            window: (L, S + 1) the controller's window; None if its rows are no full window of healthy sensors.
+            window: (L, S + 1) the controller's window; None unless full, with new pressures and only healthy sensors.
             drives: whether the jets were allowed to run in the period before.
             within: least and greatest correction with an effect: the release's range of speeds divided by the speed on
                 the bus. A correction never moves away from this interval.
@@ -113,7 +113,7 @@ class AirSpeed:
 
 
 SHORTEST_S: Final = 0.1
-"""Shortest time in s over which a change of speed is judged, because of rounding and late frames."""
+"""Least time in s assumed for a change of speed, so that rounding or a late frame does not seem an acceleration."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,8 +123,7 @@ class SpeedState:
     Attributes:
         ratio: ratio of the last accepted speed to the design speed; None if no speed is in force.
         density: density of the air in kg/m3, from the frame with this speed, or else from the operating point.
-        is_off: whether the speed has left the release's range by more than the margin and has not returned into the
-            range.
+        is_off: whether the speed has left the release's range by more than the margin and has not come back into it.
         air: estimate of the air speed.
     """
 

@@ -50,9 +50,9 @@ class LoopEcu:
     Attributes:
         kind: python, c or mcu.
         computed_by: description of the code that computes the control step, in words.
-        step_ns: returns the duration in ns of the latest step, in virtual time; by default `ecu.compute_time_ms`.
+        step_ns: returns the duration in ns of the latest step, in virtual time; None means `ecu.compute_time_ms`.
         clock_mhz: clock frequency in MHz of the core to which `step_ns` refers.
-        start_clock: sets the clock of an emulated core to 0, as a run's time; other ECUs have no clock of their own.
+        start_clock: sets an emulated core's clock to 0, the start of a run; other ECUs have no clock of their own.
     """
 
     ecu: CalibratedEcu

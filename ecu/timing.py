@@ -64,5 +64,5 @@ class StepTiming:
 def lengthened(history: int, newest: bool, most: int) -> int:
     """Return a history, one bit a period, with `newest` as its lowest bit and at most `most` bits."""
     longer = history << 1 | newest
-    # A setting allows more bits than fit into memory, so the mask has at most the bits of the history.
+    # `most` is a setting and may be huge; the mask has no more bits than the history, so that it fits into memory.
     return longer & ((1 << min(most, longer.bit_length())) - 1)

@@ -14,7 +14,7 @@ void sw_calibration_bounds(const float weights[SW_TERMS], sw_calibration *low, s
     *low = least;
     *high = greatest;
     for (int i = 0; i < SW_TERMS; i++) {
-        /* The limit is raised to the release's own weight if that is greater. */
+        /* The limit rises to the release's own weight if this weight is greater. */
         if (weights[i] > high->weights[i]) high->weights[i] = weights[i];
     }
 }

@@ -188,7 +188,7 @@ static int32_t steps_of(double flow_m2_per_s)
     const double exact = flow_m2_per_s / SW_FLOW_RESOLUTION;
     const int32_t whole = (int32_t)exact;
     const double rest = exact - (double)whole;
-    const double least = whole % 2 == 0 ? 0.5 + 0.5 * DBL_EPSILON : 0.5; /* of a rest that is rounded up */
+    const double least = whole % 2 == 0 ? 0.5 + 0.5 * DBL_EPSILON : 0.5; /* smallest rest that is rounded up */
     if (rest >= least) return whole + 1;
     return rest <= -least ? whole - 1 : whole;
 }

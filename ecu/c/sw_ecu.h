@@ -32,8 +32,8 @@ extern "C" {
  */
 int sw_ecu_init(sw_ecu *ecu);
 
-/* Initialises the ECU with the parameters of a release that is not compiled in, as sw_image_open returns them. The
- * memory to which `numbers` points must stay valid while the ECU runs; `numbers` itself need not stay valid.
+/* Initialises the ECU with the parameters of a release that is not compiled in, for example from sw_image_open. The
+ * struct *numbers is copied. The parameters to which its members point must stay valid while the ECU runs.
  */
 int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers);
 
@@ -56,9 +56,9 @@ int sw_ecu_authenticate(sw_ecu *ecu, const sw_authentication *given);
  */
 int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values);
 
-/* Continues from a saved state: `state` of an sw_ecu with the same release, settings and calibration. Returns 0, or 1
- * for a state that no ECU can reach, for example after a memory failure; the ECU is then unchanged. The function checks
- * only values that would lead outside an array or a number's range; the caller may add a checksum.
+/* Continues from a saved state: `state` of an sw_ecu with the same release, settings and calibration. Returns 0; or 1,
+ * and leaves the ECU unchanged, if the delay differs, or if no ECU can reach the state, for example after a memory
+ * failure. Checks only values that would lead outside an array or a number's range; the caller may add a checksum.
  */
 int sw_ecu_restore(sw_ecu *ecu, const sw_ecu_state *state);
 

@@ -103,7 +103,7 @@ const sw_frame *sw_receive(sw_receiver *receiver, const sw_message *message, con
 
 typedef struct {
     uint8_t usable;
-    uint8_t has_request; /* whether a frame that may change the request arrived */
+    uint8_t has_request; /* whether a frame arrived that may change the request */
     uint8_t enable_request;
     uint8_t unusable_because; /* SW_REASON_ */
     uint8_t counter;          /* E2E counter of the frame with the usable pressures */

@@ -230,9 +230,9 @@ typedef struct {
 
 /* The parameters of a release that belong neither to its controller nor to its sensor estimator; read in place. */
 typedef struct {
-    double fast_deviation[SW_SENSORS][SW_SENSORS]; /* [j][i]: Cp deviation of healthy sensor i's residual without j */
+    double fast_deviation[SW_SENSORS][SW_SENSORS]; /* [j][i]: rms in Cp of healthy sensor i's residual, j left out */
     double slow_deviation[SW_SENSORS][SW_SENSORS]; /* as fast_deviation, for the slow means of the residuals */
-    double resting[SW_RESTING_SPEEDS][3]; /* wake without jets: speed / design speed, suction, swing (Cp) */
+    double resting[SW_RESTING_SPEEDS][3]; /* wake without jets: speed / design speed, base Cp, swing (Cp) */
     double slowest;                       /* lowest speed in the release's range, divided by the design speed */
     double fastest;
     double design_speed;     /* in m/s */
@@ -282,7 +282,7 @@ typedef struct {
 typedef struct {
     double action; /* sent action, in U_inf W */
     uint8_t interventions;
-    uint8_t planned; /* whether `output` belongs to this step; its actions are divided by the present speed */
+    uint8_t planned; /* whether `output` is from this step; its actions are relative to the present speed */
 } sw_trace;
 
 /* Scratch memory of parts that never run at the same time. */

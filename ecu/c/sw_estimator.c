@@ -1,9 +1,9 @@
 /* The estimates of each pressure from the other pressures, for all views of a window. A view leaves out sensors or
  * exchanges two sensors (contract/controller/estimator.py).
  *
- * The first layer is linear in the window's columns, so the views share the products of this layer. A column is
- * multiplied, in integers, only once for each place that it has in a view. A view's input to the first ReLU is a sum of
- * these products. Activations are int16: readings in units of 1 / SW_ESTIMATOR_ONE, and hidden activations in units of
+ * The first layer is linear in the window's columns, so the views share this layer's products of columns and weights.
+ * Each product is computed only once, in integers. A view's input to the first ReLU is a sum of these products.
+ * Activations are int16: readings in units of 1 / SW_ESTIMATOR_ONE, and hidden activations in units of
  * 1 / SW_INT16_QMAX of the largest activation in their vector. The products of both layers are exact, and all other
  * operations have a fixed order, so that all processors give equal bits.
  */
@@ -121,7 +121,7 @@ ONCE static void hidden_layers(sw_estimator_work *work, const int32_t *sums, con
     second_layer(work, largest);
 }
 
-/* Computes the last layer for one sensor, in Cp. It adds to four independent sums, so that no addition waits. */
+/* Computes the last layer for one sensor, in Cp. The four sums are independent, so no addition waits for another. */
 ONCE static double last_layer(const sw_estimator_work *work, int sensor)
 {
     const sw_estimator_weights *w = work->weights;

@@ -9,7 +9,7 @@
 typedef enum {
     ALWAYS,
     UPDATING,  /* a new release is being written */
-    OWN_FAULT, /* a fault of clock, deadline, bus, sensors or controller; or another ECU is on the bus */
+    OWN_FAULT, /* fault of clock, deadline, bus, sensors or controller; another ECU on the bus; control does not help */
     REARMED,   /* the request rises after at least SW_REARM_FRAMES consecutive periods with usable pressures */
     REARMED_FILLING,
     LOW,            /* control is not requested */
@@ -18,7 +18,7 @@ typedef enum {
     STANDING,       /* usable pressures, and the request does not rise */
     INVALID,        /* the stream is not trusted */
     TOO_LONG,       /* pressures are missing for longer than the hold and decay periods together */
-    TOO_MANY,       /* this period is lost, and with it SW_LOSS_LIMIT or more of the latest SW_LOSS_WINDOW periods */
+    TOO_MANY,       /* this period is lost, and SW_LOSS_LIMIT or more of the latest SW_LOSS_WINDOW periods are lost */
     FILLING,        /* the window is not full, the speed is out of the release's range, or a test runs */
     USABLE,         /* usable pressures */
     SHORT           /* pressures are missing for no longer than the hold periods */
@@ -71,13 +71,13 @@ static const transition transitions[] = {
     {INIT | STANDBY | ARMED | WARMUP | FAULT, UPDATING, SW_UPDATE, WRITING},
     {INIT | STANDBY | ARMED | WANTED, OWN_FAULT, SW_FAULT, OWN},
     {FAULT, OWN_FAULT, SW_FAULT, FIRST},
-    /* Power-on, while control is not requested. */
+    /* The request is low, or it is high but not accepted. */
     {INIT, NEVER_YET, SW_INIT, QUIET},
     {INIT, LOW_AND_USABLE, SW_ARMED, QUIET},
     {INIT, STANDING, SW_STANDBY, STANDS},
     {STANDBY | ARMED | WANTED, LOW, SW_ARMED, QUIET},
     {STANDBY, ALWAYS, SW_STANDBY, STANDS},
-    /* The request rises, or control is already requested. */
+    /* The request rises, or it is high and was accepted earlier. */
     {INIT | ARMED | WANTED, INVALID, SW_FAULT, MISSING},
     {INIT | ARMED | WANTED, TOO_LONG, SW_FAULT, MISSING},
     {INIT | ARMED | WANTED, TOO_MANY, SW_FAULT, MISSING},
@@ -86,7 +86,7 @@ static const transition transitions[] = {
     {ARMED | WANTED, USABLE, SW_CONTROL, NO_REASON},
     {ARMED | WARMUP | CONTROL | HOLD, SHORT, SW_HOLD, MISSING},
     {ARMED | WANTED, ALWAYS, SW_DECAY, MISSING},
-    /* After a latched fault. */
+    /* A latched fault ends or stays. */
     {FAULT, REARMED_FILLING, SW_WARMUP, WAITING},
     {FAULT, REARMED, SW_CONTROL, NO_REASON},
     {FAULT, ALWAYS, SW_FAULT, FIRST},

@@ -1,9 +1,9 @@
 /* The memory of the controller from one period to the next: window, plan and actions in transit.
  *
  * The window's row at period k is (Cp_k, a_{k-1}): the present pressures, and the action in force when they were
- * sampled. In a release for a range of speeds the window is resampled from a record of past periods. The present speed
- * then makes pressures, actions and plan dimensionless; for sent actions and actions in transit it is the design speed.
- * This file corresponds to ecu/controller_memory.py.
+ * sampled. In a release for a range of speeds the window is resampled from a record of past periods. Pressures, actions
+ * and plan are then made dimensionless with the present speed, sent actions and actions in transit with the design
+ * speed. This file corresponds to ecu/controller_memory.py.
  */
 #include "sw_ecu_parts.h"
 

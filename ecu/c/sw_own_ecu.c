@@ -4,7 +4,7 @@
 #include "sw_ecu.h"
 #include "sw_weights.h"
 
-/* A compiler with another layout than the image writer fails here. */
+/* Compilation fails here if the compiler's layout differs from the image writer's layout. */
 typedef char as_packed[SW_RELEASE_AS_PACKED ? 1 : -1];
 
 int sw_ecu_init(sw_ecu *ecu)

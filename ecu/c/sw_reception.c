@@ -17,7 +17,7 @@ int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t ol
 }
 
 #if SW_SECOC
-/* Returns whether a pressure frame arrived. If such frames arrived but none was accepted, none was authentic. */
+/* Returns whether a pressure frame arrived. If the freshness value did not change even so, no frame was authentic. */
 static int came(const sw_frame *frames, int count)
 {
     int any = 0;
@@ -83,7 +83,7 @@ void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *
     }
 }
 
-/* Returns whether a frame has a valid message of at most `bytes` bytes. */
+/* Returns whether the first `bytes` bytes of a frame are a message with a valid CRC. */
 static int is_sound(const sw_frame *frame, int bytes, uint16_t data_id)
 {
     return sw_e2e_check(frame->data, frame->length < bytes ? frame->length : bytes, data_id);
@@ -131,7 +131,7 @@ void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
         other->until_ns = 0;
     } else {
         /* The other ECU still counts as present: only its connection to the bus may be lost. If the clock went back,
-         * the silence counts from now on.
+         * the required time of silence begins now.
          */
         if (other->until_ns > step_ns + SW_SILENCE_NS) other->until_ns = step_ns + SW_SILENCE_NS;
     }

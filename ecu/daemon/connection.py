@@ -20,7 +20,7 @@ from ecu.real_time.privileges import step_back
 
 FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
-"""Longest pause in s between two attempts to open a bus again. Each pause is twice as long as the one before."""
+"""Longest pause in s between two attempts to open a bus again. Pauses double until they reach this length."""
 SEND_TIMEOUT_S: Final = 0.003
 """Longest time in s to send a frame. A period of 20 ms has two frames; if both time out, 14 ms of the period remain."""
 
@@ -34,7 +34,7 @@ class Connection:
     The thread that reads the bus calls `deliver` with every received frame.
 
     Attributes:
-        not_sent, why_not_sent: number of frames that could not be sent, and the reason for the latest one, or empty.
+        not_sent, why_not_sent: number of unsent frames, and why the last frame was not sent (empty if it was sent).
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class Connection:
         return self._health
 
     def rejected(self) -> Mapping[Rejection, int]:
-        """Return for each reason the number of received items that this node could not use since the bus was opened."""
+        """Return the number of unusable items received since the bus was opened, for each reason of the rejection."""
         return {} if self._bus is None else self._bus.bus.rejected
 
     def send(self, frames: Sequence[Frame]) -> bool:
@@ -109,7 +109,7 @@ class Connection:
         return sent
 
     def _not_sent(self, frame: Frame) -> str:
-        # The control's thread may find the loss while the diagnosis's thread sends; it then sets `_bus` to None.
+        # While the diagnosis thread sends, the control thread may find that the bus is lost, and set `_bus` to None.
         if (read := self._bus) is None:
             return "the bus is lost"
         try:

@@ -28,7 +28,7 @@ from ecu.stepped import SteppedEcu
 GRACE: Final = 4
 """Divisor of the period: a step may begin late by up to a period / GRACE. A step that would begin later is left out."""
 SHUT_FRAMES: Final = 3
-"""Number of periods at the end in which the ECU sends commands to shut the jets: a single frame may be lost."""
+"""Number of periods at the end in which the ECU sends commands that shut the jets: a single frame may be lost."""
 _PASSING: Final = (Mode.HOLD, Mode.DECAY)
 """Modes that last too briefly to be reported in the log."""
 
@@ -77,7 +77,7 @@ class ControlLoop:
         self._sleep_until(due_ns)
         woke_ns = self._now_ns()
         if self._connection.look(self._tell):
-            self._arrivals = Arrivals(period_ns=self._arrivals.period_ns)  # perhaps of another sender
+            self._arrivals = Arrivals(period_ns=self._arrivals.period_ns)  # the sender may have changed
         pressures, others = self._reception.take()
         before = self._ecu.state
         self._times.forget()
@@ -112,14 +112,14 @@ class ControlLoop:
             self._sleep_until(self._deadlines.due_ns)
             self._connection.send(self._ecu.step(self._now_ns(), [], self._connection.health()))
             self._deadlines = self._deadlines.after(self._now_ns())
-        # The file of counters stays after the process, so its mode and action must be of the shut jets.
+        # The file of counters remains when the process ends, so it must state mode and action of the shut jets.
         shut = replace(self.counters.state, fail_safe=self._ecu.state.fail_safe)
         self.counters = replace(self.counters, state=shut, action=self._ecu.trace.action)
         self._after_step(self._now_ns(), self.counters)
 
     def _is_sound(self, before: ReceiverState, frames: Sequence[Frame]) -> bool:
-        """Return whether a pressure frame of this period passed its checks. Such a frame may still be unusable, but not
-        because of its DBC or key. An ECU without a release checks no frame, so every frame counts."""
+        """Return whether a pressure frame of this period passed authentication and the E2E check. It may still be
+        unusable, but its DBC and key are right. An ECU without a release checks no frame, so every frame counts."""
         now = self._ecu.state.pressures
         return bool(frames) if now == before else any(now.count(check) > before.count(check) for check in GOOD)
 

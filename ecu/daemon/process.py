@@ -84,8 +84,8 @@ Beside = Callable[[Connection, Reporter], AbstractContextManager[object]]
 
 @dataclass(frozen=True, kw_only=True)
 class ServedEcu:
-    """An ECU and the other parts of its process. The thread that reads the bus passes the frames of further identifiers
-    to the functions in `hears`. `beside` returns a context that is active while the bus is open."""
+    """An ECU and the other parts of its process. The thread that reads the bus passes each frame whose identifier is in
+    `hears` to the function there. `beside` returns a context that is active while the bus is open."""
 
     ecu: SteppedEcu
     times: PlanTimes
@@ -194,7 +194,7 @@ def run(
 
 
 WARM_UP_STEPS: Final = 50
-"""Number of warm-up steps: of the controller on zeros, and of the ECU without frames. All take half a second."""
+"""Number of warm-up steps of the controller (on zeros), and then of the ECU (without frames): half a second in all."""
 
 
 def serve(

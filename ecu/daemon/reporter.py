@@ -1,5 +1,4 @@
-"""The thread that writes reports: log lines as text or as JSON, the file of counters for Prometheus (text format
-0.0.4), and the freshness file.
+"""The thread that writes the log (text or JSON), the counters for Prometheus (text format 0.0.4) and freshness values.
 
 The control loop never waits for this thread, because writing may block on a slow disk or a full pipe, or fail.
 """

@@ -32,7 +32,7 @@ from ecu.real_time.privileges import step_back
 from ecu.real_time.stage_times import PlanTimes, TimedController
 
 _ROOM: Final = 1024
-"""Largest number of waiting frames: seven requests of the largest length on CAN FD. A new frame drops the oldest."""
+"""Largest number of waiting frames: seven longest requests on CAN FD. A further frame replaces the oldest."""
 PAUSE_S: Final = 0.05
 """Largest time in s between two calls of `service` if no frame arrives, and so the longest delay of a timeout."""
 SENDING_S: Final = 0.001

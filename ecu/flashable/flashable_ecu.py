@@ -1,8 +1,8 @@
 """The ECU in a vehicle: it boots a release from its store, controls the jets, and can be flashed and calibrated.
 
 A caller calls `step` once a period, and `service` any number of times in between, possibly in another thread. A reset
-has the effect of a power loss: the release is booted again and every counter begins at 0. Only freshness values
-continue.
+has the effect of a power loss: the release is booted again and every counter begins at 0. Only freshness values and the
+CAN controller's counts continue.
 """
 
 from collections.abc import Sequence
@@ -108,7 +108,7 @@ class FlashableEcu:
         self._controlled.watch.seen(before, after, now_ns)
         if self._controlled.calibration is not None:
             self._controlled.calibration.sample(after)
-        # The command that shuts the jets is sent, too: the vehicle would follow the command before it.
+        # The command that shuts the jets is sent, too, since the vehicle would otherwise follow the previous command.
         return [] if self._controlled.is_silent and not (drove or self._request.drives_jets) else sent
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:

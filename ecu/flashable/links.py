@@ -26,7 +26,7 @@ from ecu.flashable.equipment import Equipment
 from ecu.stepped import CalibratedEcu
 
 XCP_PLACES: Final = 4
-"""Largest number of packets that wait to be sent to a tool. If this number waits, further commands are lost."""
+"""Largest number of packets that wait to be sent to a tool. While so many wait, commands from the tool are lost."""
 MOST_FRAMES: Final = 128
 """Largest number of frames that the ECU processes in one call; further frames are lost. In one control period, a CAN FD
 bus at 2 Mbit/s carries at most a third of this number."""

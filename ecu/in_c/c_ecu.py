@@ -108,7 +108,7 @@ class CEcu(CEcuState):
 
     Attributes:
         description: compiler and flags of the control step, in words.
-        lib, ecu: the loaded library, with the types of `Structs.ffi`, and its `sw_ecu`, as declared in `Structs.ffi`.
+        lib, ecu: the loaded library and its `sw_ecu`; `Structs.ffi` declares the types of both.
     """
 
     def __init__(
@@ -182,7 +182,7 @@ def bundle_hash_of(sources: Mapping[str, bytes]) -> int:
 
 def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes]:
     """Return a library's sources for a release, with the settings of this vehicle. Raises LibraryError if the folder
-    holds no library with an ECU, or another program's library; StillwakeError for a setting that C does not support."""
+    holds no library with an ECU, or another controller's; StillwakeError for a setting that C does not support."""
     sources = read_sources(folder, board=True)
     check_program(folder, sources, bundle)
     if c_settings.HEADER not in sources:

@@ -23,7 +23,7 @@ ASKED_FROM: Final = 5
 
 def played_pressures(rows: Array, config: Config) -> bytes:
     """Return `pressures.h`, with two protected frames for each of the first `MOST_PERIODS` rows: one has the pressures,
-    limited to their range, the other the design speed if it fits. The rows, (n, S + any), begin with Cp at S places."""
+    limited to their range, the other the design speed (unknown if too high). `rows`, (n, S + any), begin with S Cp."""
     messages = message_set(config.bus)
     message, limit_pa = messages.pressure, messages.pressure_limit_pa
     sender, dynamic_pressure = E2eSender(message.spec), config.operating_point.dynamic_pressure

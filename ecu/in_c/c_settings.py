@@ -45,18 +45,18 @@ _COUNTED: Final = (
 _MOST: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.window": 254} | dict.fromkeys(
     _COUNTED, 2**29
 )
-"""Largest values, in periods, for which the ECU in C has space; their sums in the C code fit into an int."""
+"""Largest values, in periods, that the ECU in C can store or add without overflow."""
 _CLASSIC_ONLY: Final = {"SW_PRESSURE_INVALID": f"({-wire.INT12_MAX - 1})", "SW_STALE_NS": f"INT64_C({STALE_NS})"}
 _GREATEST_WEIGHTS: Final = CostWeights(**dict.fromkeys(TERMS, LARGEST_WEIGHT))
 """The largest cost weights of a calibration; the C code also allows the release's own weight if it is larger."""
 _LONGEST_PERIOD_NS: Final = 2**53
-"""Longest control period in ns. Doubles are exact up to this number, so the command gate is equal in both languages."""
+"""Longest control period in ns. Doubles represent integers up to this number exactly, so both gates are equal."""
 
 
 def ecu_settings(bundle: Bundle, config: Config) -> bytes:
     """Return `sw_ecu_settings.h` for a verified release in a vehicle. Raises BundleError if the two do not fit
-    (`ecu.fit.check_vehicle`); ConfigError if the C ECU does not support a setting; LibraryError if the settings ask for
-    the sensor check, and the release has no sensor estimator."""
+    (`ecu.fit.check_vehicle`); ConfigError if the C ECU does not support a setting; LibraryError if the settings enable
+    the sensor check, but the release has no sensor estimator."""
     check_vehicle(bundle, config)
     check_settings(config)
     values = _definitions(bundle, config).items()
@@ -68,7 +68,7 @@ def ecu_settings(bundle: Bundle, config: Config) -> bytes:
 
 
 def check_settings(config: Config) -> None:
-    """Raise ConfigError for a setting that the C ECU does not support with any release."""
+    """Raise ConfigError for a setting that the ECU in C never supports, whatever the release."""
     for name, most in _MOST.items():
         value = attrgetter(name)(config)
         if value > most:
@@ -146,7 +146,7 @@ def _named(prefix: str, owner: object, *names: str) -> dict[str, int | float | s
 
 
 def release_numbers(bundle: Bundle, config: Config) -> Numbers:
-    """Return the `sw_release` of a verified release: the numbers that no vehicle's setting changes, 0 if missing."""
+    """Return the `sw_release` of a verified release: the numbers that no vehicle's setting changes (0 if missing)."""
     manifest, estimator, speeds = bundle.manifest, bundle.manifest.sensor_estimator, bundle.manifest.speeds
     check = BenefitCheck.of(manifest, replace(config.ecu.benefit_check, enabled=True))
     nothing, point = np.zeros((len(manifest.sensors),) * 2), manifest.operating_point

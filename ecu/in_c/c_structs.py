@@ -37,7 +37,7 @@ T = TypeVar("T")
 _HEADER: Final = "sw_ecu.h"
 _RANGES: Final = {"uint32_t": (0, 2**32 - 1), "int64_t": (-(2**63), 2**63 - 1)}
 """Ranges of counts and of times in C."""
-# The scratch memory is the last member of the ECU, so an opaque type can replace it: no other member moves.
+# An opaque type can replace the scratch memory: only `numbers`, which Python does not read, follows it in `sw_ecu`.
 _STANDING_IN: Final = {
     "sw_workspace.h": b"typedef struct { char not_shown; } sw_workspace;\n",
     "sw_estimator.h": b"typedef struct { char not_shown; } sw_estimator_work;\n",

@@ -19,8 +19,7 @@ OPTIMISED: Final = ("-O3", "-march=native", "-ffp-contract=fast")
 """Flags for speed. They allow fused multiply-adds, which change only roundings; the sources reject -ffast-math."""
 
 EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
-"""Flags with which the decisions in C equal those in Python bit for bit. GCC needs the flag against fused
-multiply-adds, because it ignores the pragma in the sources."""
+"""Flags with which C and Python decide bit for bit equally. GCC ignores the sources' pragma and needs the last flag."""
 
 
 def host_compiler() -> list[str]:
@@ -76,7 +75,7 @@ def _run(command: list[str], folder: str | None) -> subprocess.CompletedProcess[
     try:
         done = run()
         if re.match(r"error: unable to \w+ (zig|global) cache directory", done.stderr):
-            # Without a home that can be written, `ziglang` needs another folder for the parts that it keeps.
+            # If the home folder cannot be written, `ziglang` needs another folder for its cache.
             with tempfile.TemporaryDirectory() as cache:
                 done = run(env=os.environ | {"ZIG_GLOBAL_CACHE_DIR": cache})
         return done

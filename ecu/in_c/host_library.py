@@ -26,7 +26,7 @@ _ALIGNMENT: Final = 64
 
 class CController(NeverCopied):
     """A compiled and loaded library, with the structures and the scratch memory that a caller has to provide, and a
-    description of compiler and flags. Raises LibraryError if there is no compiler, or if it rejects the files.
+    description of compiler and flags. Raises LibraryError if no compiler exists, or the compiler rejects the files.
 
     Args:
         contents: the library's files by name.
@@ -141,7 +141,7 @@ def open_library(
 
     A hash of the verified release's program in the library's header protects against mix-ups, not against attacks: the
     sources are unsigned, and are compiled and run as they are. Raises LibraryError if the folder holds no library or
-    another program's library, if there is no compiler, or if the compiler rejects the sources.
+    another controller's library, if there is no compiler, or if the compiler rejects the sources.
     """
     sources = read_sources(folder)
     precision = check_program(folder, sources, bundle)
@@ -154,7 +154,7 @@ def open_library(
 
 
 def check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> str:
-    """Return the library's precision; raise LibraryError if its header does not belong to the bundle's program."""
+    """Return the library's precision; raise LibraryError if its header does not match the bundle's controller."""
     manifest = bundle.manifest
     try:
         header = ProgramSettings.of(sources)

@@ -1,8 +1,8 @@
-"""The clock for real time, and a sleep until an instant of this clock: CLOCK_MONOTONIC, which cannot be set.
+"""The clock CLOCK_MONOTONIC, which cannot be set, and a sleep until an instant of this clock.
 
 `time.sleep` takes a duration: if a process loses the processor between computing the duration and sleeping, it wakes
 too late. `clock_nanosleep` takes the instant itself. Python has no such function, so this module calls the function of
-the C library. If there is none, it sleeps for a duration.
+the C library. If the library has no such function, the module sleeps for a duration.
 """
 
 import ctypes
@@ -15,7 +15,7 @@ from typing import Any, Final
 TIMER_ABSTIME: Final = 1
 """Flag of time.h: the time is an instant, not a duration."""
 LONGEST_NAP_NS: Final = 100_000_000
-"""Longest sleep in ns where a sleep needs a duration: this limits the delay after the computer was suspended."""
+"""Longest single sleep in ns if only a duration can be given; this limits the delay after a suspend of the computer."""
 
 
 class _Timespec(ctypes.Structure):

@@ -10,8 +10,8 @@ from statistics import median_low
 from typing import Final, Self
 
 LARGEST_SLEW: Final = 32
-"""Divisor of the period: a deadline moves by at most a period / LARGEST_SLEW. If every step were late by twice as much,
-`ecu.timing` would count periods as left out. The largest phase error, half a period, is corrected in 16 periods."""
+"""Divisor of the period: a deadline moves by at most period / 32 per period. `ecu.timing` counts periods as left out if
+steps are repeatedly late by more than period / 16. The largest error, half a period, is corrected in 16 periods."""
 REMEMBERED: Final = 15
 """Number of arrivals whose median is the expected arrival, so that a few late frames in a burst do not move it. The
 middle arrival is 7 periods old; in 7 periods of 20 ms, clocks whose rates differ by 100 ppm drift apart by 14 us."""
@@ -33,7 +33,7 @@ class Deadlines:
     grace_ns: int = 0
 
     def after(self, now_ns: int) -> Self:
-        """Return the next deadline that can still be met if the work for the present deadline ends at `now_ns`."""
+        """Return the next period that can still begin in time if the work for the present period ends at `now_ns`."""
         late_ns = now_ns - self.grace_ns - (self.due_ns + self.period_ns)
         missed = max(0, -(-late_ns // self.period_ns))
         steps = 1 + missed
@@ -45,7 +45,7 @@ class Deadlines:
         )
 
     def slewed(self, target_ns: int) -> Self:
-        """Return the deadline moved to the nearest phase of `target_ns`, by at most period / LARGEST_SLEW."""
+        """Return the period, with its deadline closer to the phase of `target_ns` by at most period / LARGEST_SLEW."""
         most = self.period_ns // LARGEST_SLEW
         error_ns = wrapped(target_ns - self.due_ns, self.period_ns)
         return replace(self, due_ns=self.due_ns + min(max(error_ns, -most), most))

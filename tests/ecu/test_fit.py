@@ -20,9 +20,9 @@ from tests.each import each
 @each(
     "changes, ecu, named",
     [
-        ({"operating_point": OperatingPoint(speed=20.0)}, {}, "another operating point.*20.0.*25.0"),
-        ({"control_period": 0.1}, {}, r"'small' was built for another control period: 0\.1, the \w+ has 0\.2"),
-        ({"action_limit": 0.05}, {}, r"'small' was built for another action limit: 0\.05, the \w+ has 0\.075"),
+        ({"operating_point": OperatingPoint(speed=20.0)}, {}, "operating point.*20.0.*but.*25.0"),
+        ({"control_period": 0.1}, {}, r"'small' was built for control period 0\.1, but the \w+ has 0\.2"),
+        ({"action_limit": 0.05}, {}, r"'small' was built for action limit 0\.05, but the \w+ has 0\.075"),
         ({"sensors": ("base_0", "base_1")}, {}, "2 sensors: the Pressure message carries 4"),
         ({}, {"delay_steps": 5}, "delay_steps = 5: must be at most 3 for the horizon of 5, with ecu.plan_ahead"),
         ({}, {"delay_steps": 5, "plan_ahead": False}, "delay_steps = 5: must be at most 4 for the horizon of 5$"),
@@ -47,7 +47,7 @@ SHORTER = layout_of(BodyConfig(length=5.0))
 def test_a_bundle_for_another_body_is_refused(bundle_of, recording_controller):
     truck = bundle_of()
     check_sensors(truck, TRUCK)
-    named = r"'small' was built for another body: its sensor \w+ is at .*, on this plant at .*, in W"
+    named = r"'small' was built for another body: in W, its sensor \w+ is at .*, but on this plant at .*"
     for refuse in (lambda: check_sensors(truck, SHORTER), lambda: BundlePolicy(truck, recording_controller(), SHORTER)):
         with pytest.raises(BundleError, match=named):
             refuse()
@@ -58,7 +58,7 @@ def test_positions_in_the_bundle_count_where_there_are_some(bundle_of):
     places = tuple((5.0, float(SHORTER.positions[SHORTER.names.index(name), 1])) for name in names)
     built_for_it = bundle_of(sensors=names, sensor_positions=places)
     check_sensors(built_for_it, SHORTER)
-    with pytest.raises(BundleError, match=r"sensor base_0 is at \(5, 0\.\d+\), on this plant at \(7\.647, "):
+    with pytest.raises(BundleError, match=r"sensor base_0 is at \(5, 0\.\d+\), but on this plant at \(7\.647, "):
         check_sensors(built_for_it, TRUCK)
 
 

@@ -146,7 +146,7 @@ WITH_THE_PLANT = {
     "record a.h5 --under unsigned --paper": "--under and --paper are two recordings",
     "record a.h5 training=10 --under unsigned": "training=: does not go with --under",
     "record a.h5 --under unsigned --exploration -0.1": "exploration = -0.1: must be finite and at least 0",
-    "record a.h5 --under unsigned --set flow.action_limit=0.05": "for another action limit: 0.075, the flow has 0.05",
+    "record a.h5 --under unsigned --set flow.action_limit=0.05": "for action limit 0.075, but the flow has 0.05",
     "record a.h5 --under unsigned --set forcing.exploration_time=0.0": "forcing.exploration_time = 0.0: must be posit",
     "record a.h5 --under nowhere": "nowhere: no such directory",
     "record a.h5 --under damaged": "controller.onnx was altered",

@@ -21,8 +21,8 @@
 #define SW_BOARD_CAN_INTERRUPT 19u   /* interrupt number of M_CAN's line 0; the interrupt only ends the core's sleep */
 #define SW_BOARD_TIMER_INTERRUPT 30u /* interrupt number of the counter's compare value; it only ends sleep */
 #define SW_BOARD_STAMPS 0x40000400u  /* TIM3, whose count M_CAN takes as receive time stamp */
-#define SW_BOARD_STAMP_CLOCKS 480u   /* clocks of TIM3 (240 MHz) per count of time stamps */
-#define SW_BOARD_CAN_NS 2000u        /* duration of a count of time stamps */
+#define SW_BOARD_STAMP_CLOCKS 480u   /* clock cycles of TIM3 (240 MHz) per count of a time stamp */
+#define SW_BOARD_CAN_NS 2000u        /* duration of a count, in ns */
 /* The clock of M_CAN is 80 MHz. A nominal bit has 160 quanta (500 kbit/s) and is sampled at 80 %; a data bit has 40
  * quanta (2 Mbit/s) and is sampled at 75 %.
  */

@@ -143,7 +143,7 @@ static void receive(sw_board_period *period)
     }
 }
 
-/* Removes the diagnostic frames from the frames with number `first` and higher: control does not use them. */
+/* Removes the diagnostic frames among received[first] and the frames after it: control does not use them. */
 static void drop_requests(sw_board_period *period, int first)
 {
     int kept = first;

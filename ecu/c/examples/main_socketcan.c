@@ -63,7 +63,7 @@ static void sleep_until(int64_t due_ns)
     clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL);
 }
 
-/* Opens a socket for pressures, speed, other ECUs and the controller's errors; returns -1 and sets errno on failure. */
+/* Opens a socket for pressures, speed, frames of other ECUs, and error frames; returns -1 and sets errno on failure. */
 static int open_bus(const char *interface)
 {
     const canid_t exactly = CAN_SFF_MASK | CAN_EFF_FLAG | CAN_RTR_FLAG;

@@ -1,5 +1,5 @@
-/* AES-128 on planes of bits. A block is stored as eight planes of 16 bits: bit 4 r + c of plane i is bit i of the byte
- * in row r and column c. A round therefore processes all bytes of a block together.
+/* AES-128 on planes of bits. A block is stored as eight planes of 16 bits: bit 4 * r + c of plane i is bit i of the
+ * byte in row r and column c. A round therefore processes all bytes of a block together.
  */
 #include "sw_aes.h"
 
@@ -80,7 +80,7 @@ static uint32_t rows_up(uint32_t plane, uint32_t rows)
     return (plane >> COLUMNS * rows | plane << (16u - COLUMNS * rows)) & ALL;
 }
 
-/* MixColumns: a byte a becomes 2 s + b + t. Here b is the next row's byte, s = a + b, and t is s two rows below. */
+/* MixColumns: a byte a becomes 2 * s + b + t. Here b is the next row's byte, s = a + b, and t is s two rows below. */
 static void mix_columns(uint32_t planes[SW_AES_PLANES])
 {
     uint32_t next[SW_AES_PLANES];

@@ -140,7 +140,7 @@ def test_what_cannot_run_is_refused_before_a_frame_is_sent(release, config):
         for change, error, words in (
             ({"bus": BusConfig()}, BusError, "in virtual time, without real devices"),
             ({"bus": BusConfig(interface="socketcan", channel="no-such0")}, BusError, "socketcan 'no-such0'"),
-            ({"flow": replace(Config().flow, control_period=0.1)}, BundleError, "another control period: 0.2"),
+            ({"flow": replace(Config().flow, control_period=0.1)}, BundleError, "control period 0.2, but"),
             ({"ecu": EcuConfig(step_offset_ms=25.0)}, ConfigError, "ecu.step_offset_ms = 25"),
         ):
             with pytest.raises(error, match=words):

@@ -30,8 +30,8 @@ def test_what_cannot_run_is_one_line(all_refused, short_release):
         ("ecu", short_release, *UDP),
         {
             "--set bus.interface=can4711": "python-can does not know it",
-            "--set flow.control_period=0.1": "was built for another control period: 0.2, the vehicle has 0.1",
-            "--set operating_point.speed=20": "was built for another operating point",
+            "--set flow.control_period=0.1": "was built for control period 0.2, but the vehicle has 0.1",
+            "--set operating_point.speed=20": "was built for operating point",
             "--set ecu.step_offset_ms=20": "ecu.step_offset_ms = 20: must be shorter than the control period",
             "--set ecu.compute_time_ms=5": "--set ecu.compute_time_ms: `ecu` does not use it",
             "--freshness x": "--freshness: needs a key",

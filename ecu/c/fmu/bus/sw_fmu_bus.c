@@ -168,7 +168,7 @@ static int take_frame(fmu_side *side, const uint8_t *arguments, uint32_t bytes, 
     if (bytes != before + length || !is_length(length, is_fd)) return 0;
     if (!is_bool(arguments[4]) || !is_bool(arguments[5]) || (is_fd && !is_bool(arguments[6]))) return 0;
     if (id > (arguments[4] ? 0x1fffffffu : 0x7ffu)) return 0;
-    /* A bus-off controller receives no frames. A classic one receives no CAN FD frames. Remote frames have no data. */
+    /* A bus-off controller receives nothing. A classic CAN controller ignores CAN FD. Remote frames have no data. */
     if (side->health.is_bus_off || (is_fd && !SW_FRAMES_FD) || (!is_fd && arguments[5])) return 1;
     uint32_t *errors = &side->health.rx_errors;
     if (*errors > 0) *errors = *errors > 127 ? 127 : *errors - 1;
@@ -251,8 +251,8 @@ fmi3String fmu_begun(fmu_memory *kept)
     return NULL;
 }
 
-/* Returns the largest difference in ns of two times that count as equal: 100 ns, which is less than a bit at 8 Mbit/s,
- * and what a time of day in s loses as a double (2^-53 of it).
+/* Returns the largest difference in ns between two times that count as equal: 100 ns, which is less than a bit at
+ * 8 Mbit/s, plus the rounding error of the start time in s (a double, so 2^-53 of the time).
  */
 static double same_ns(const fmu_memory *kept)
 {
