@@ -1,6 +1,6 @@
 """The supply of a board cut in every operation of its flash while it is flashed, in machine code from reset on.
 
-    python -m tests.proofs.board_cuts --json results/flash_board.json
+    python -m tests.proofs flash_board --json results/flash_board.json
 
 Loader, drivers and ECU run on the emulated board; a tester flashes a second release over CAN. What a cut leaves, torn
 words included, is taken from one sequence; from there the board is switched on: it must run one of the two releases.
@@ -30,7 +30,6 @@ from firmware_sim.mcu.build import Firmware
 from tests.can_bridge.flashing.releases import keys
 from tests.ecu.in_c.exported import CONFIG, exported
 from tests.firmware_sim.mcu.board_node import BoardLine, Built, Traffic
-from tests.proofs import command_line
 from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, report
 
 COUNTED: Final = ("cuts", "ran_old", "ran_new", "second_cuts", "second_cuts_taken", "flashed_again", "answers_read")
@@ -123,7 +122,7 @@ def main(
     processes: Processes = 2,
     every: Annotated[int, typer.Option(help="One board in so many is flashed to its end.", min=1)] = 16,
 ) -> None:
-    """Cut, switch on and count; a board without a release is an error."""
+    """Cut the emulated board's power while it is flashed; a board without a release is an error."""
     found: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -142,7 +141,3 @@ def main(
     report(json_file, "cuts on the board", figures, packages=("stillwake", "unicorn"), seed=seed, every=every)
     if any(found[name] for name in WRONG):
         raise StillwakeError(f"cuts on the board: {dict(found)}")
-
-
-if __name__ == "__main__":
-    command_line.main(main)

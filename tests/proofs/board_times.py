@@ -1,6 +1,6 @@
 """What diagnosis takes from control on a board: the longest period under a flood of requests, and its own pieces.
 
-    python -m tests.proofs.board_times --json results/flash_pieces.json
+    python -m tests.proofs flash_pieces --json results/flash_pieces.json
 
 The shipped release as machine code on the emulated board, its cycles modelled. Control waits for one running piece of
 diagnosis at most, so both together have to fit into the period. The memory's own times are not in it.
@@ -26,7 +26,6 @@ from tests.can_bridge.flashing.releases import keys
 from tests.can_bridge.uds.addresses import REQUEST_ID
 from tests.ecu.in_c.exported import Exported
 from tests.firmware_sim.mcu.board_node import BoardLine, Built
-from tests.proofs import command_line
 from tests.proofs.command_line import JsonFile, report
 
 CONFIG: Final = load_config()
@@ -46,8 +45,8 @@ REQUESTS: Final = tuple(map(bytes.fromhex, _HEX.split()))
 
 
 def main(json_file: JsonFile = None) -> None:
-    """Measure and print. Longer than a period must be neither a step in a flood of requests nor a step with the jets
-    shut and a piece of the loader's work, which does none while they may be open."""
+    """Measure the pieces of the loader's work on the emulated board. A step in a flood of requests, and a step with a
+    piece of this work, which needs shut jets, must be shorter than a period."""
     with library_folder(None) as folder:
         release = bundle.load(BUNDLE)
         built = Built(Exported(bundle=release, bundle_path=BUNDLE, folder=folder), CONFIG)
@@ -132,7 +131,3 @@ def _pieces(board: Any, image: bytes) -> dict[str, int]:
         "a piece of a check, 4 KiB hashed twice": max(checked),
         "the end of a check, with its signature": ended,
     }
-
-
-if __name__ == "__main__":
-    command_line.main(main)

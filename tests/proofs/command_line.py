@@ -1,7 +1,6 @@
 """What the commands of the proofs share: parts of the work in several processes, progress, and where figures go.
 
-`python -m tests.proofs.ecu`, for example, lists the proofs of its folder; pytest runs short ones of each. Work is
-shared among fresh processes, and an error or a stop ends them.
+Work is shared among fresh processes, and an error or a stop ends them.
 """
 
 import multiprocessing
@@ -26,15 +25,11 @@ Processes = Annotated[int, typer.Option("--processes", min=1, help="At the same 
 Seed = Annotated[int, typer.Option("--seed", help="Of all that happens.", min=0)]
 
 
-def main(proofs: Callable[..., None] | Mapping[str, Callable[..., None]]) -> None:
-    """Run a proof, or the one that the command line names, with its options; ends as `stillwake` does."""
-    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, no_args_is_help=not callable(proofs))
-    if callable(proofs):
-        app.command()(proofs)
-    else:
-        app.callback()(lambda: None)
-        for name, proof in proofs.items():
-            app.command(name)(proof)
+def main(proofs: Mapping[str, Callable[..., None]]) -> None:
+    """Run the proof that the command line names, with its options; ends as `stillwake` does."""
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, no_args_is_help=True)
+    for name, proof in proofs.items():
+        app.command(name)(proof)
     ends_like_ctrl_c()
     raise SystemExit(status_of(app))
 

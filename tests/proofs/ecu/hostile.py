@@ -1,6 +1,6 @@
 """An ECU and a vehicle against a hostile bus, clock and controller, by chance, a million control periods long.
 
-    python -m tests.proofs.ecu hostile --steps 1000000 --json results/hostile.json
+    python -m tests.proofs hostile --steps 1000000 --json results/hostile.json
 
 Whether a promise is kept is judged from outside, see `promises`. The same seed and number of steps give the same
 periods on one process as on many.

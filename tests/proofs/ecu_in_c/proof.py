@@ -1,6 +1,6 @@
 """The ECU in C held against the Python ECU, and how sharp that comparison is.
 
-    python -m tests.proofs.ecu_in_c ecu-c --steps 1000000 --json results/ecu_c.json
+    python -m tests.proofs ecu_c --steps 1000000 --json results/ecu_c.json
 
 A million random control periods through both, in vehicles with ten kinds of settings; faults planted in C; branches
 of C that were taken; mutants of its gate, protection, reception, timing, fail-safe, speed and past; deviations from

@@ -1,4 +1,4 @@
-"""A short run of both ECUs through random periods; `python -m tests.proofs.ecu_in_c ecu-c` has a million."""
+"""A short run of both ECUs through random periods; `python -m tests.proofs ecu_c` has a million."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What mutants a source has; `python -m tests.proofs.ecu_in_c ecu-c` tries those of the ECU."""
+"""What mutants a source has; `python -m tests.proofs ecu_c` tries those of the ECU."""
 
 from tests.proofs.ecu_in_c.mutator import mutated
 

@@ -1,7 +1,7 @@
 """The supply cut at every write of flashing a release: whether the ECU ever stands without a controller it can trust.
 
-    python -m tests.proofs.flash --json results/flash.json
-    python -m tests.proofs.flash --replay 0.123.45
+    python -m tests.proofs flash --json results/flash.json
+    python -m tests.proofs flash --replay 0.123.45
 
 The tester's own steps drive the UDS server, the store and a simulated memory, with the shipped release. Each operation
 of the memory is torn in its middle once; in the recovery from each, some are torn again. After every power-on the image
@@ -239,7 +239,7 @@ def main(
     ] = 1.0,
     workers: Annotated[int, typer.Option(help="Processes; the cases are the same for any number.", min=1)] = 2,
 ) -> None:
-    """Cut, power on, judge, flash again, judge; then print what was lost, which must be nothing."""
+    """Cut the power at every write of the store, switch on and flash again; nothing may be lost."""
     if replay:
         _replay(case_of(replay))
         return

@@ -1,4 +1,4 @@
-"""A sound store passes a sample of the cases of `python -m tests.proofs.flash`, and each planted defect is found."""
+"""A sound store passes a sample of the cases of `python -m tests.proofs flash`, and each planted defect is found."""
 
 import dataclasses
 import json

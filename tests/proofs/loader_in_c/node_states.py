@@ -4,7 +4,7 @@ A tester leads both into a state: sessions, locked and unlocked, wrong keys and 
 of its stages, a release refused, activated, on trial, given up, the jets running, the memory failing. Then it asks for
 what there is and is not, mostly for what leaves the state as it is.
 
-    python -m tests.proofs.loader_in_c.node_states --json results/uds_states.json
+    python -m tests.proofs uds_states --json results/uds_states.json
 """
 
 import tempfile
@@ -21,7 +21,6 @@ from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.state import SlotPhase
 from can_bridge.uds.services import Did, Routine, Service
 from contract.errors import StillwakeError
-from tests.proofs import command_line
 from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, report
 from tests.proofs.loader_in_c import node_plans as plans
 from tests.proofs.loader_in_c.node_library import GEOMETRY, Library, build, sources
@@ -192,7 +191,7 @@ def main(
     processes: Processes = 2,
     requests: Annotated[int, typer.Option(help="Requests to both ECUs, shared among the builds.", min=4)] = 1_000_000,
 ) -> None:
-    """Ask both ECUs in every state; then print what differed, which must be nothing."""
+    """Send requests of all kinds to both ECUs in every state of diagnosis; the answers must be alike."""
     differences, met, seen = list[str](), Counter[tuple[str, int]](), Counter[str]()
     kinds = CONFIGS | OTHERS
     with tempfile.TemporaryDirectory() as name:
@@ -213,7 +212,3 @@ def main(
     report(json_file, "requests in all states", figures, packages=("stillwake",), seed=seed, kinds=list(kinds))
     if differences:
         raise StillwakeError(f"{len(differences)} differ: {differences[0]}")
-
-
-if __name__ == "__main__":
-    command_line.main(main)

@@ -1,6 +1,6 @@
 """The loader in C, storage and diagnosis, against its specification in Python, and under hostile requests.
 
-    python -m tests.proofs.loader_in_c --json results/flash_c.json
+    python -m tests.proofs flash_c --json results/flash_c.json
 
 Storage: the supply cut at every operation of the flash memory, altered images, forged records, calls at random.
 Diagnosis: testers drive both ECUs, whose frames must be the same at the same times; then hostile requests while
@@ -57,7 +57,7 @@ def main(
     eighths: Annotated[int, typer.Option(help="Of all operations, in which the supply is cut.", min=1, max=8)] = 8,
     faults: Annotated[bool, typer.Option(help="Plant faults in the store, and count its branches, too.")] = True,
 ) -> None:
-    """Compare, cut and fuzz; then print what was lost or differed, which must be nothing."""
+    """Compare the store in C with the Python store, cut its power, and fuzz it; nothing may differ or be lost."""
     sizes_of: dict[str, Any] = {
         "images": images, "calls": calls, "records": records, "seconds": seconds, "eighths": eighths, "faults": faults,
     }  # fmt: skip

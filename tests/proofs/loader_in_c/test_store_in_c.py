@@ -1,4 +1,4 @@
-"""The store in C is the Python store: short runs of what `python -m tests.proofs.loader_in_c` does at length."""
+"""The store in C is the Python store: short runs of what `python -m tests.proofs flash_c` does at length."""
 
 import hashlib
 
@@ -84,5 +84,5 @@ def test_worn_words_are_passed_over(library):
 
 @pytest.mark.slow  # compiles it
 def test_a_planted_fault_is_found(tmp_path):
-    """The others by `python -m tests.proofs.loader_in_c`."""
+    """The others by `python -m tests.proofs flash_c`."""
     assert store_proof.is_found(store_proof.PLANTED[13], tmp_path)

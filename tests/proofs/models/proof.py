@@ -1,6 +1,6 @@
 """The fail-safe and flashing, explored state by state: the code itself, with every input, and every cut of the supply.
 
-    python -m tests.proofs.models --json results/models.json
+    python -m tests.proofs models --json results/models.json
 
 An exploration ends when no new state appears, and what it says holds for any number of steps. A sabotage is a line of
 the exported C that is changed in a copy: the exploration must find it.
@@ -288,7 +288,7 @@ def found_in_flashing(one: dict[str, str], folder: Path) -> str:
 
 
 def main(json_file: JsonFile = None) -> None:
-    """Explore both, then each sabotage. Fails at the first state that is not allowed, and says how it is reached."""
+    """Explore all states of fail-safe and flashing, with each sabotage too. Fails at the first forbidden state."""
     finders = {"fail_safe": found_in_fail_safe, "flashing": found_in_flashing}
     parts = dict[str, dict[str, Any]]()
     with TemporaryDirectory() as name:

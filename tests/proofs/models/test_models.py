@@ -1,4 +1,4 @@
-"""Fail-safe and flashing, explored for a second or two; `python -m tests.proofs.models` does it to the end."""
+"""Fail-safe and flashing, explored for a second or two; `python -m tests.proofs models` does it to the end."""
 
 import pytest
 

@@ -1,8 +1,8 @@
 """Machine proofs on the exported C, unchanged: ESBMC unwinds every loop and asks a solver for inputs that break it;
 Frama-C's Eva has the loops over tables that a solver does not end on.
 
-    python -m tests.proofs.prove --json results/proofs.json
-    python -m tests.proofs.prove --only "gate.*"
+    python -m tests.proofs proofs --json results/proofs.json
+    python -m tests.proofs proofs --only "gate.*"
 
 Each item of `items.toml` is a function of a harness in `c/`, which calls the code with arbitrary inputs. In every item,
 even without assertions of its own, the solver checks accesses to arrays and pointers, overflows, shifts and divisions.

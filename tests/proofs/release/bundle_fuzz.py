@@ -1,6 +1,6 @@
 """Damaged bundles, manifests, graphs and C headers by the thousand: each is refused by its name, or does no harm.
 
-    python -m tests.proofs.release --cases 100000 --json results/bundle_fuzz.json
+    python -m tests.proofs bundle_fuzz --cases 100000 --json results/bundle_fuzz.json
 
 Every case is made from a small sound release and a seed. It may end in two ways: in an error of the project's own, in
 one printable line; or accepted. What is accepted without a manifest of its own (image, folder) must have the content
@@ -96,7 +96,7 @@ def main(
     seed: Seed = 0,
     processes: Processes = 1,
 ) -> None:
-    """Make them, have them read, and print what became of them."""
+    """Damage bundles in many ways and load each; the table counts the outcomes."""
     parts = list(in_parts(partial(run_cases, seed), cases, PIECE, processes, "cases"))
     found = figures([case for part, _, _ in parts for case in part])
     found |= {"max_rss_mb": max(most for _, _, most in parts), "max_rss_before_mb": max(most for _, most, _ in parts)}

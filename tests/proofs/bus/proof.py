@@ -1,6 +1,6 @@
 """What is done to the bus on purpose, in one file of figures.
 
-    python -m tests.proofs.bus bus --json results/bus.json
+    python -m tests.proofs bus --json results/bus.json
 
 Each part is a function `measure`; `--part` runs some of them, for a look.
 """
@@ -12,7 +12,7 @@ import typer
 
 from contract.errors import ConfigError
 from tests.proofs.bus import forgeries, fuzz
-from tests.proofs.command_line import JsonFile, main, report
+from tests.proofs.command_line import JsonFile, report
 from tests.proofs.gate import mutation
 
 PARTS: Final[Mapping[str, tuple[Callable[[], dict[str, Any]], tuple[str, ...]]]] = {
@@ -27,7 +27,7 @@ def bus(
     json_file: JsonFile = None,
     part: Annotated[list[str], typer.Option(help="Only this part (repeatable).")] = [],  # noqa: B006
 ) -> None:
-    """Run all parts and print the headline figures."""
+    """Forge, garble and mutate messages on the bus, and print the headline figures."""
     for name in part:
         if name not in PARTS:
             raise ConfigError(f"--part {name}: must be one of {', '.join(PARTS)}")
@@ -43,7 +43,3 @@ def bus(
         headlines += own
     packages = ("stillwake", "python-can", "cantools", "cryptography", "autosar-e2e")
     report(json_file, "bus", figures, shown=headlines, packages=packages)
-
-
-if __name__ == "__main__":
-    main({"bus": bus})
