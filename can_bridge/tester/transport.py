@@ -32,7 +32,7 @@ _SAME: Final = {
 }
 """Bytes of a request that a positive response repeats at the same place: sub-function, identifier or block counter."""
 _OF_ONE_CODE: Final = frozenset({FaultReport.SNAPSHOT, FaultReport.EXTENDED})
-"""Fault reports that also repeat the trouble code."""
+"""Fault reports whose answers also repeat the request's trouble code."""
 
 
 def answers(request: bytes, response: bytes) -> bool:
@@ -53,7 +53,7 @@ FRAME_S: Final = 1.0
 """Longest time in s to send one frame: while other nodes send, a CAN controller's queue may stay full."""
 _TURN_S: Final = 0.02
 FLOW_CONTROL_MS: Final = 1000
-"""Timeouts in ms for a flow control frame (N_Bs) and for the next consecutive frame (N_Cr) (ISO 15765-2)."""
+"""Timeout in ms for a flow control frame (N_Bs), and for the next consecutive frame (N_Cr) (ISO 15765-2)."""
 _MOST_WAITS: Final = 100
 _ENDS_SENDING: Final = (isotp.FlowControlTimeoutError, isotp.OverflowError, isotp.MaximumWaitFrameReachedError)
 

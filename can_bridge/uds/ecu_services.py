@@ -150,8 +150,8 @@ class EcuServices:
             self._store.keep_failed_attempts(level, count)
 
     def before_reset(self) -> None:
-        """Check that control is not active: a reset, or an ECU that sends nothing, would interrupt control. Control may
-        have begun after the session began."""
+        """Check that control is not active: a reset, or an ECU that sends no messages, would interrupt control. The
+        check is needed because control may have begun after the session."""
         if not self.is_updating:
             self._check_preconditions()
 

@@ -45,7 +45,7 @@ class AccessKey:
 
 
 class SecurityAccess:
-    """The unlocked level, and the procedure to unlock a level; `attempts` stores the counts of wrong attempts."""
+    """The unlocked level, and the procedure to unlock a level; `attempts` stores the numbers of wrong attempts."""
 
     def __init__(self, key: AccessKey, random_bytes: Callable[[int], bytes], attempts: EcuServices) -> None:
         self._key = key
