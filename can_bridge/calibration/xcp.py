@@ -15,7 +15,7 @@ DRIVER_VERSION: Final = 0x10
 COMM_MODE: Final = 0x80
 """Communication mode in CONNECT's answer: little-endian, byte addresses, no block mode."""
 CAL_PAG: Final = 0x01
-"""The bit of the XCP resource that contains calibration and its pages."""
+"""The bit of the XCP resource for calibration and its pages."""
 RESOURCES: Final = CAL_PAG | 0x04
 """The bits of this ECU's resources: calibration, and measurement (DAQ), which needs no key."""
 

@@ -34,7 +34,7 @@ _DRIFT: Final = 1e-3
 _OUTSIDE: Final = 0.05
 """Largest relative difference between the control period and the nearest period that fits the log's speeds."""
 _CONTRADICTS: Final = 0.01
-"""Largest relative difference between a setting and the log; above zero, because the vehicle's value has an error."""
+"""Largest relative difference between a setting and the log. It is not 0, because the vehicle's value has an error."""
 _STANDS: Final = 0.2
 """The vehicle counts as stationary if the distance in W from one row to the next is less than this share of
 `flow.control_period`. The pressures of a stationary vehicle are as small as their resolution."""
@@ -45,7 +45,7 @@ class LogSeries:
     """The pieces of a log in the order of time, and a report of the data that were read or left out.
 
     Attributes:
-        start_s: time of the log's first row in s on the log's clock; `travel` is counted from this time.
+        start_s: time in s of the log's first row, on the log's clock; `travel` is counted from this time.
         period_s: the sender's period in s on the log's clock.
         messages: name of the message set.
         speed: smallest, median and largest speed of the vehicle in m/s; the median does not include times without

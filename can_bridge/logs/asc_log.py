@@ -174,7 +174,7 @@ def _entry(time_s: float, words: list[str], text: str, base: int) -> Entry:
     if direction == "txrq":
         return LogEvent(entries.REQUEST)
     if len(words) < 5:
-        raise ValueError(f"{quoted(text, 60)} ends before its length")
+        raise ValueError(f"{quoted(text, 60)} ends before the frame's length")
     found = _identifier(words[2], base)
     if found is None and (numbered := _NUMBER_OF_NAME.search(text)):
         found = int(numbered[1]), bool(numbered[2])
@@ -202,7 +202,7 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
     # The message's name may follow the identifier, but is often missing.
     rest = words[5:] if words[5:6] and words[5] in ("0", "1") else words[6:]
     if len(rest) < 4:
-        raise ValueError(f"{quoted(' '.join(words), 60)} ends before its length")
+        raise ValueError(f"{quoted(' '.join(words), 60)} ends before the frame's length")
     found = _identifier(words[4], base)
     if found is None:
         return LogEvent(entries.NOT_OURS)

@@ -68,7 +68,7 @@ def read_mdf(path: Path, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
         with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
             opened = asammdf.MDF(path)
     except (ValueError, OSError, struct.error, failure) as error:
-        raise ValueError(f"cut off, damaged, or no ASAM MDF: {error}") from error
+        raise ValueError(f"cut off, damaged, or not ASAM MDF: {error}") from error
     with opened as measurement:
         start = measurement.start_time
         start_s = since_epoch(start) if start.tzinfo is None else start.timestamp()

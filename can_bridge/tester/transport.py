@@ -1,6 +1,6 @@
 """A CAN connection for udsoncan: ISO-TP by can-isotp over the buses of `can_bridge.bus`. Needs the extra `flash`.
 
-There is no thread: an ECU sends nothing unrequested, so the bus is only read while a request is sent and its answer is
+There is no thread: an ECU only answers requests, so the bus is only read while a request is sent and its answer is
 awaited. Late or repeated responses to an earlier request are dropped.
 """
 

@@ -1,8 +1,8 @@
 """The ECU's diagnostic services, which act on its store of releases; `can_bridge.uds.server` calls them.
 
 The answer to the routine ERASE has the offset of the first byte to send (4 bytes). The answer to CHECK has a `Verdict`
-(1 byte). Answers to the other routines are empty. A repeated request gets the first answer again, because the tester
-may not have received that answer.
+(1 byte). Answers to the other routines are empty. A repeated request gets the same answer again, because the tester may
+not have received the first answer.
 """
 
 from collections.abc import Callable, Mapping

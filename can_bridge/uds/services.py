@@ -99,7 +99,7 @@ class Routine(IntEnum):
     CONFIRM = 0x0206
     """Confirm the release on trial."""
     REVERT = 0x0207
-    """Return to the previous release from the next reset on."""
+    """Select the previous release: it boots from the next reset on."""
     ERASE = 0xFF00
     """Announce an image and prepare a slot. The option record has the image's length (4 bytes) and SHA-256 (32 bytes).
     The answer has the offset (4 bytes) of the first byte to send, above 0 if a transfer was interrupted."""

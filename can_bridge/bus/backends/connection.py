@@ -116,7 +116,7 @@ class OpenBus(NeverCopied):
 
     def close(self) -> None:
         """Disconnect from the bus. A second call does nothing. An adapter that was removed causes no error."""
-        # If closing an unplugged adapter raised an error, this error would hide the error that ended the work.
+        # An error when an unplugged adapter is closed would hide the first error, which ended the work.
         with suppress(can.CanError, OSError):
             self._bus.shutdown()
 

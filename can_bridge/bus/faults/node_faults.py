@@ -16,7 +16,7 @@ MOST_BABBLED: Final = 1000
 @dataclass(frozen=True, kw_only=True)
 class Disconnect(BusFault, section="disconnect"):
     """A node that sends and receives nothing. `acted` counts the frames lost in both directions. Frames that arrived
-    before a "device_gone" span and were not read yet are delivered after the span."""
+    before a "device_gone" span, but were not read before it, are delivered after it."""
 
     kind: Literal["open_wire", "device_gone"] = "open_wire"
     """Kind of the fault. "open_wire": the bus is silent, and the node sees no error when it sends. "device_gone": every
