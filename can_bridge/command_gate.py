@@ -1,11 +1,11 @@
-"""The last check before a jet command is sent on the bus. The check does not rely on any output of the controller.
+"""The last check before a jet command is sent on the bus. It assumes nothing about the controller's output.
 
-The gate shuts the jets immediately if there is no permission, the command is not finite, the clock did not advance, or
-there are no fresh pressures. Otherwise the gate limits the command to its range, and then to one step from the previous
-command; the result stays in the range. Zero is the safe state, so no limit applies when the gate shuts the jets.
+The gate shuts the jets if control is not permitted, the command is not finite, the clock did not advance, or the
+pressures are too old. Otherwise the gate limits the command to its range, and then its change since the previous
+command to one step; the result stays in the range. Zero is the safe state, so shutting the jets needs no limit.
 
-Pressures that are too old for a new command may still be the basis of a command between the previous command and zero,
-because the fail-safe first repeats and then halves the last command.
+A command between the previous command and zero may be based on older pressures than any other command, because without
+new pressures the fail-safe first repeats and then halves the last command.
 """
 
 import math
@@ -37,7 +37,7 @@ class GateLimits:
         flow_m2_per_s: largest magnitude of the command.
         step_m2_per_s: largest change between two commands that are a period or more apart. In a shorter time the
             largest change is smaller in proportion.
-        fresh_age_ns: largest age of the pressures on which a command of any value may be based.
+        fresh_age_ns: largest age of the pressures on which any command may be based.
         held_age_ns: largest age of the pressures on which a command between the previous command and zero may be based.
     """
 
@@ -75,7 +75,7 @@ class GateLimits:
         )
 
     def narrowed(self, other: Self) -> Self:
-        """Return limits with the smaller range and step of both objects, and with the ages of this object."""
+        """Return this object with the smaller flow limit and the smaller step limit of the two objects."""
         return replace(
             self,
             flow_m2_per_s=min(self.flow_m2_per_s, other.flow_m2_per_s),

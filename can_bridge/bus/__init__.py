@@ -1,1 +1,1 @@
-"""The real, virtual and simulated buses with a common interface, and the code with which a node receives frames."""
+"""The real, virtual and simulated buses behind one interface, faults of a bus, and a report on unusable frames."""

@@ -16,7 +16,7 @@ SILENCE_S: Final = 1.0
 
 
 class Heard(Counter[tuple[int, int]]):
-    """A counter of the frames since the last report, by identifier and length."""
+    """A counter of frames by identifier and length. Callers begin a new counter after each call of `Silence.look`."""
 
     def add(self, frames: Iterable[Frame]) -> None:
         for frame in frames:
@@ -65,7 +65,7 @@ def line(
 
 
 class Silence:
-    """A reporter of the times in which no usable frame comes, and of their ends. For the arguments see `line`."""
+    """A reporter that states when usable frames are missing, and when they come again. For the arguments see `line`."""
 
     def __init__(self, wanted: MessageSpec, messages: MessageSet, sender: str, report: Callable[[str], None]) -> None:
         self._wanted, self._messages, self._sender, self._report = wanted, messages, sender, report

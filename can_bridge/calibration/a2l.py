@@ -1,9 +1,9 @@
 """The A2L file (ASAM MCD-2 MC 1.7.1): names, addresses, limits and units of the calibration, for a measurement tool.
 
-A file belongs to one release on one vehicle, and states the limits that this vehicle sets. The text that all files
-share is in `stillwake.a2l`, in the meta language that ASAM publishes with XCP (part 2, section "ASAM MCD-2 MC
-description file", and part 3). The text describes only the features of this ECU. The timeouts T1 to T7 are longer
-than a control period, because the ECU answers every command within a control period.
+A file belongs to one release on one vehicle, and states the limits that this vehicle sets. `stillwake.a2l` has the text
+that all files share. Its A2ML blocks are those of ASAM's XCP standard (part 2, section "ASAM MCD-2 MC description
+file", and part 3), reduced to the features of this ECU. The timeouts T1 to T7 are longer than a control period, because
+the ECU answers every command within a control period.
 """
 
 from collections.abc import Iterator
@@ -25,13 +25,13 @@ _CAN_FD: Final = """
           CAN_FD_DATA_TRANSFER_BAUDRATE {}
         /end CAN_FD"""
 _EXTENDED: Final = 1 << 31
-"""The bit that marks a 29-bit identifier (part 3)."""
+"""The bit that marks a 29-bit identifier (XCP, part 3)."""
 _MOST_CP: Final = 100
 """Largest magnitude of a pressure coefficient in a tool's display, far above every pressure coefficient that occurs."""
 
 
 def a2l_text(segment: Segment, *, release: str, bus: BusConfig, period_ns: int) -> str:
-    """Return the contents of the file for an ECU on this bus with this control period."""
+    """Return the contents of the A2L file for an ECU on this bus with this control period."""
     ids = {"master": bus.diagnosis.xcp_command, "slave": bus.diagnosis.xcp_response}
     limits = zip(CALIBRATION_NAMES, segment.limits.least.values, segment.limits.greatest.values, strict=True)
     limited = {name: f"{least:.9g} {greatest:.9g}" for name, least, greatest in limits}

@@ -1,9 +1,9 @@
-"""The measurement by XCP (DAQ), with one dynamic list and one event: the end of a control period.
+"""The measurement by XCP (DAQ): one list of values, which a tool defines, and one event, the end of a control period.
 
-The values of the ECU's latest control period are in a memory area. A measurement tool reads this area, or receives it.
-To receive it, the tool allocates the list's frames (ODTs) and their entries, writes the address of each entry, and
-starts the list. If frames of an earlier period are still waiting when a control period ends, the values of the ended
-period are not sent. So all frames that are sent for one event have the values of one period.
+The values of the ECU's latest control period are in a memory area. A tool reads this area, or lets the ECU send parts
+of it. For the latter, the tool allocates the list's frames (ODTs) and their entries, writes the address of each entry,
+and starts the list. If frames of an earlier period are still waiting when a control period ends, the values of the
+ended period are not sent. So all frames that are sent for one event have the values of one period.
 """
 
 import struct
@@ -22,7 +22,7 @@ MEASURED_ADDRESS: Final = 0x2000_0100
 """The address at which a tool finds the memory area; the calibration segment ends before this address."""
 _STATES: Final = struct.Struct("<3Bb")
 MEASURED_BYTES: Final = 4 * SENSORS + 4 + _STATES.size + PACKED_BYTES
-"""The size of the area in bytes: four for each floating-point value, one for each state number, and the calibration."""
+"""The size of the area in bytes: four for each floating-point value, one for each integer, and the calibration."""
 MOST_ODTS: Final = 16
 """Largest number of frames per period: enough for all values of the area, one floating-point value per frame."""
 MOST_ENTRIES: Final = 32
@@ -31,7 +31,7 @@ MOST_IN_ODT: Final = MAX_CTO - 1
 """Largest number of bytes in a frame after the byte with the frame's number."""
 EVENT_NAME: Final = b"control period"
 DYNAMIC: Final = 0x01
-"""Properties of the processor: dynamic lists, neither prescalers nor time stamps, frames that begin with a number."""
+"""Properties of the DAQ: dynamic lists, no prescalers, no time stamps, frames that begin with their number."""
 OF_DAQ: Final = 0x44
 """Properties of the event: it is for measurement, and all frames of a list have values of the same control period."""
 _NO_BITS: Final = 0xFF
@@ -115,7 +115,7 @@ class DaqLists:
             self._left = list(range(len(self._odts))) if self.is_running else []
 
     def packets(self, most: int) -> list[bytes]:
-        """Return up to `most` of the next frames; frames without an entry are skipped."""
+        """Return up to `most` of the frames still to be sent; frames without an entry are skipped."""
         found = list[bytes]()
         while self._left and len(found) < most:
             number = self._left.pop(0)
@@ -153,7 +153,7 @@ class DaqLists:
         return _OK
 
     def alloc_odt_entry(self, data: bytes) -> bytes:
-        """Allocate the entries of one frame, once for each frame."""
+        """Allocate the entries of one frame; raises Denied if the frame has entries already."""
         self._check_stage(_Stage.ODTS, _Stage.ENTRIES)
         self._check_list(data, 2)
         odt, count = data[4], data[5]

@@ -21,7 +21,7 @@ class Page(IntEnum):
 
 
 class Segment:
-    """The two pages; `page` is the page in force. Raises ConfigError for release values out of the limits."""
+    """The two pages; `page` is the page in force. Raises ConfigError if the release's values are outside the limits."""
 
     def __init__(self, reference: Calibration, limits: CalibrationLimits) -> None:
         limits.check(reference)
@@ -48,10 +48,9 @@ class Segment:
         return bytes(raw[offset : offset + length])
 
     def write(self, offset: int, data: bytes) -> None:
-        """Write bytes of the working page. A write begins at the beginning of a value, or where the last write ended.
-        The first bytes of a partly written value wait for the rest; a write to another place discards them. Raises
-        ConfigError, without a change, for a range outside the segment, a write that begins inside a value, or a value
-        that is not allowed."""
+        """Write bytes of the working page. A write must begin at a value, or where the last write ended. The first
+        bytes of a partly written value wait for the rest; a write to another place discards them. Raises ConfigError,
+        without a change, for a range outside the segment, a write that begins inside a value, or a forbidden value."""
         _check_range(offset, len(data))
         if self._begun and offset == self._begun_at + len(self._begun):
             offset, data = self._begun_at, self._begun + data
@@ -87,10 +86,10 @@ class Segment:
         self._begun = b""
 
     def take(self) -> Calibration | None:
-        """Return the values in force if a page was written or selected since the last call, otherwise None. The caller
-        may be another thread than the writer, because a set of values is replaced as a whole."""
+        """Return the values in force if a page was written or selected since the last call, otherwise None. Another
+        thread than the writer's may call this method, because a set of values is replaced as a whole."""
         values = self.in_force
-        # Equal values can differ in the sign of a zero, which a tool can measure.
+        # Objects are compared, because equal values can differ in the sign of a zero, which a tool can measure.
         if values is self._taken:
             return None
         self._taken = values

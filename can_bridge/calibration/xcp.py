@@ -15,7 +15,7 @@ DRIVER_VERSION: Final = 0x10
 COMM_MODE: Final = 0x80
 """Communication mode in CONNECT's answer: little-endian, byte addresses, no block mode."""
 CAL_PAG: Final = 0x01
-"""The bit of the XCP resource that contains calibration and its pages."""
+"""The bit of the XCP resource for calibration and its pages."""
 RESOURCES: Final = CAL_PAG | 0x04
 """The bits of this ECU's resources: calibration, and measurement (DAQ), which needs no key."""
 
@@ -26,7 +26,7 @@ EVENT: Final = 0xFD
 STORED_EVENT: Final = 0x03
 """The event that reports a stored calibration."""
 STORE_REQUEST: Final = 0x01
-"""The bit for the calibration in SET_REQUEST's mode and in GET_STATUS's session status."""
+"""The bit for storing the calibration, in SET_REQUEST's mode and in GET_STATUS's session status."""
 DAQ_RUNNING: Final = 0x40
 """The bit of the session status for a running measurement."""
 CRC_32: Final = 0x09
@@ -109,7 +109,7 @@ class Error(IntEnum):
     GENERIC = 0x31
 
 
-class Denied(Exception):  # noqa: N818  (an error packet is an answer, no error)
+class Denied(Exception):  # noqa: N818  (an error packet is an answer, not an error)
     """The refusal of a command; the slave answers with the error `code`."""
 
     def __init__(self, code: Error) -> None:
@@ -124,20 +124,20 @@ def deny_if(condition: bool, code: Error) -> None:
 
 XCP_SEED_LENGTH: Final = 12
 """Length of a seed, in bytes: two packets. pyxcp 0.29 reads no third packet when it unlocks. A UDS seed has 16 bytes,
-so no tester can obtain the answer to a UDS seed through XCP."""
+so the key for an XCP seed is never the key for a UDS seed."""
 XCP_KEY_LENGTH: Final = 16
 """Length of a key, in bytes: an AES-CMAC."""
 _PIECE: Final = MAX_CTO - 2
 
 
 class AnswersSeeds(Protocol):
-    """An object that has the access secret, such as `can_bridge.uds.security.AccessKey`."""
+    """An object that knows the access key, such as `can_bridge.uds.security.AccessKey`."""
 
     def answer(self, level: Level, seed: bytes) -> bytes:
         """Return the key that is valid for a seed."""
 
 
-class WrongKey(Exception):  # noqa: N818  (a wrong answer from the tool, no error of this program)
+class WrongKey(Exception):  # noqa: N818  (a tool's wrong answer is not an error of this program)
     """The refusal of a wrong key, which ends the connection."""
 
 
@@ -159,9 +159,9 @@ class XcpAccess:
         self._forget()
 
     def seed(self, mode: int, resource: int) -> bytes:
-        """Return the number of unsent seed bytes as one byte, and the next seed bytes; return a single zero if the
-        resource is not locked. Raises Denied for an unknown resource or mode, if the tool requests the rest of a seed
-        but no rest is unsent, or if the random source gives zeros."""
+        """Return one byte with the number of seed bytes not sent before this call, and the next of these bytes; return
+        a single zero if the resource is not locked. Raises Denied for an unknown resource or mode, if the tool requests
+        seed bytes although none are left, or if the random source gives only zeros."""
         if mode == 0:
             self._forget()
             deny_if(resource != CAL_PAG, Error.OUT_OF_RANGE)

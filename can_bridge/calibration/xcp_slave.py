@@ -40,7 +40,7 @@ class XcpSlave:
         self._end()
 
     def to_store(self, now_ns: int) -> Calibration | None:
-        """Return the values that the tool asked to store; None if no request to store is open."""
+        """Return the values that the tool requested to store; None if there is no such request."""
         self._end_if_idle(now_ns)
         return self._to_store
 

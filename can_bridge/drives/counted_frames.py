@@ -1,8 +1,8 @@
 """The frames of one message in a log, numbered by their E2E counter, to find missing, repeated and misplaced frames.
 
-A log's times are times of reception: a frame may have waited for other traffic, and loggers write in bursts. So the
-counter numbers the frames; the time only shows how often the counter has wrapped. A new stretch of frames begins after
-a long gap, and where counter and time disagree permanently: the sender restarted, or the logger's clock was set.
+A log's times are times of reception: a frame may have waited for other traffic, and loggers write in bursts. So frames
+are numbered by their counter; the time only shows how often the counter has wrapped. A new `FrameStretch` begins after
+a long gap, and where counter and time disagree permanently because the sender restarted or the logger's clock was set.
 """
 
 from collections.abc import Sequence
@@ -17,9 +17,9 @@ from contract.arrays import Array, Index
 SLACK: Final = 2.0
 """Largest difference, in periods, between the time from one frame to the next and the time that the counters imply."""
 _LONGEST: Final = 1000
-"""Largest number of periods without a frame within a stretch, so that a change of the clock does not add many rows."""
+"""Largest number of periods without a frame within a stretch. The limit prevents many empty rows if a clock was set."""
 _JUMP: Final = 0.5
-"""Largest permanent shift of times within a stretch, in periods; the counters show no losses across a larger shift."""
+"""Largest permanent shift of the times within a stretch, in periods; at a larger shift a new stretch begins."""
 _AROUND: Final = 16
 """Number of frames on each side of a possible shift of the reception times. The shift is the difference between the
 sides' median delays. The number exceeds the length of a burst, and is large enough to average jitter of 0.4 periods."""
@@ -37,7 +37,7 @@ class CountedFrame:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameStretch:
     """The n frames that a sender sent without a restart. `index` is the number of control periods from the first frame
-    to each frame, (n,), rising."""
+    to each frame, (n,), increasing."""
 
     index: Index
     frames: tuple[CountedFrame, ...]
@@ -80,7 +80,7 @@ def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> 
     `modulus` frames."""
     once = without_repeats(frames, SLACK * period_s)
     parts = _parts(once, period_s, modulus)
-    # Misplaced frames are removed first: the frames before and after them may belong to one stretch.
+    # Misplaced frames are removed first, because the frames before and after a misplaced frame may be one stretch.
     fitting = [frame for part in parts if len(part) > 1 for _, frame in part] or once
     stretches: list[FrameStretch] = []
     for part in _parts(fitting, period_s, modulus):

@@ -51,9 +51,9 @@ def frames_of(
     back_s: float,
 ) -> LogFrames:
     """Sort a log's messages by their kind. Raises DatasetError if no pressure or no command has a valid CRC, the
-    pressures belong to two message sets, our frames are on two channels, or a time is more than `back_s` below the
-    latest time before it. `only` is the message set to read; by default, the set of the pressures in the log. Without
-    `key`, freshness and authentication codes are not checked."""
+    pressures belong to two message sets, our frames are on two channels, or a time is more than `back_s` earlier than a
+    time before it. `only` is the message set to read; by default, the set of the pressures in the log. Without `key`,
+    freshness and authentication codes are not checked."""
     buses: dict[str, _Bus] = {}
     others = Counter[str]()
     sets = SETS if only is None else (only,)
@@ -126,7 +126,7 @@ class _Bus:
         self.sound[frame_id] += 1
         if spec.is_secured and key is not None:
             freshness = verify(data, spec, key)
-            # An equal freshness value means that the frame was repeated; the counters show which frames are repeated.
+            # A frame with an equal freshness value is a repetition. It is kept, because repetitions are removed later.
             if freshness is None or freshness < self._fresh.get(frame_id, 0):
                 self.forged[frame_id] += 1
                 return
@@ -154,8 +154,8 @@ class _Bus:
 
 
 def _channel_of(path: Path, buses: Mapping[str, _Bus], specs: Mapping[int, MessageSpec]) -> str:
-    """Return the channel that has our frames. A CRC can be valid by chance, so a channel is preferred if most of its
-    frames with one of our identifiers are valid."""
+    """Return the channel that has our frames. A CRC can be valid by chance, so channels are preferred on which at least
+    half of the frames of one of our messages are valid."""
     ours = {
         name: [(specs[one].name, count) for one, count in sorted(bus.sound.items()) if count >= bus.damaged[one]]
         for name, bus in buses.items()

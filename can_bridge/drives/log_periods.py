@@ -65,7 +65,7 @@ class SenderClock(NamedTuple):
 def samples_of(stretch: FrameStretch, messages: MessageSet, period_s: float) -> tuple[Array, Array, int]:
     """Return the pressures (n, 4) in Pa of the stretch's n frames, their sampling times (n,) in s on the log's clock,
     and the number of frames that were sent a period or more after the sampling. A pressure is NaN if its sensor was
-    invalid, its frame was sent that late, or its frame cannot be parsed."""
+    invalid, or if its frame was such a late frame or cannot be parsed."""
     parsed = [messages.pressure.parse(frame.data) for frame in stretch.frames]
     pressure = np.array([(np.nan,) * SENSORS if one is None else one.pressure_pa for one in parsed])
     valid = np.array([(False,) * SENSORS if one is None else one.valid for one in parsed])

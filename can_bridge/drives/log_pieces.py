@@ -16,7 +16,7 @@ from contract.errors import DatasetError
 SHORTEST_PIECE: Final = 16
 """Smallest number of rows of a piece. Fewer rows neither determine the sender's clock nor help to train a model."""
 _SAME: Final = 1e-6
-"""Distance in control periods by which a row may lie outside a piece because of rounding."""
+"""Distance in control periods by which a resampled row may lie outside a piece because of rounding."""
 _SHOWN: Final = 5
 
 
@@ -43,12 +43,12 @@ class Piece:
 
 
 class Cutter:
-    """A collector of pieces, and of one text line for each gap that was filled, cut or left out.
+    """A collector of pieces. It also collects one line of text for each gap that was filled, cut or left out.
 
     Attributes:
         lines: lines of text, which state times in s after the log's first pressure.
         filled: number of rows with filled pressures, and number of rows with a filled action.
-        ever_valid: whether each pressure was valid in any row, (4,).
+        ever_valid: whether each pressure was valid in at least one row, (4,).
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Cutter:
         if not len(whole):
             self.lines.append(f"none of the {len(table) - 1} rows {self._at(clock, 1)} is complete: left out")
             return
-        # Missing rows at the ends are not gaps: the log began before the ECU, or ended between two frames.
+        # Missing rows at the ends are not gaps: the logger started before the ECU, or stopped between two frames.
         head, tail = int(whole[0]), int(whole[-1]) + 1
         if len(table) - 1 > tail - head:
             self.lines.append(

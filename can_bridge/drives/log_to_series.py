@@ -34,10 +34,10 @@ _DRIFT: Final = 1e-3
 _OUTSIDE: Final = 0.05
 """Largest relative difference between the control period and the nearest period that fits the log's speeds."""
 _CONTRADICTS: Final = 0.01
-"""Largest relative difference between a setting and the log; above zero, because the vehicle's value has an error."""
+"""Largest relative difference between a setting and the log. It is not 0, because the vehicle's value has an error."""
 _STANDS: Final = 0.2
-"""The vehicle counts as stationary if it travels less than this share of a control period (in W) from one row to the
-next. The pressures of a stationary vehicle are as small as their resolution."""
+"""The vehicle counts as stationary if the distance in W from one row to the next is less than this share of
+`flow.control_period`. The pressures of a stationary vehicle are as small as their resolution."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,7 +45,7 @@ class LogSeries:
     """The pieces of a log in the order of time, and a report of the data that were read or left out.
 
     Attributes:
-        start_s: time of the log's first row in s on the log's clock; `travel` is counted from this time.
+        start_s: time in s of the log's first row, on the log's clock; `travel` is counted from this time.
         period_s: the sender's period in s on the log's clock.
         messages: name of the message set.
         speed: smallest, median and largest speed of the vehicle in m/s; the median does not include times without
@@ -96,9 +96,9 @@ def series_of(
     only: MessageSet | None = None,
     key: Key | None = None,
 ) -> LogSeries:
-    """Return a drive's series. Raises DatasetError if the log lacks data, has a wrong period, or has a gap above `fill`
-    while `split` is false; otherwise such a gap divides the drive. `fill` is the longest gap that is filled, in control
-    periods. For `only` and `key` see `frames_of`."""
+    """Return a drive's series. Raises DatasetError if the log lacks data, has a wrong period, or has a gap longer than
+    `fill` and `split` is false; with `split`, such a gap divides the drive. `fill` is the longest gap that is filled,
+    in control periods. For `only` and `key` see `frames_of`."""
     log = frames_of(path, messages, only=only, key=key, back_s=scales.period_s)
     modulus, command_modulus = (
         profile_of(one.spec).counter_period for one in (log.messages.pressure, log.messages.command)
@@ -107,7 +107,7 @@ def series_of(
     if (interval_s := usual_interval(log.pressures, modulus)) is None:
         raise DatasetError(f"{path}: none of its pressures are consecutive: frames between them are missing")
     if interval_s <= 0.0:
-        raise DatasetError(f"{path}: most of its pressures are no later than the pressure before: its times are coarse")
+        raise DatasetError(f"{path}: most pressures are no later than the pressure before: its times are too coarse")
     if speeds is None:
         nominal_s, point = scales.period_s, scales.point
         _check_period(path, interval_s, scales)
@@ -168,7 +168,7 @@ def series_of(
         "not authentic": log.forged,
         "repeated": repeated + len(log.commands) - len(commands),
         "out of sequence": misplaced,
-        "with a repeated speed, or a speed that no vehicle reaches so fast": 0 if speeds is None else speeds.left_out,
+        "with a repeated speed, or an impossible change of speed": 0 if speeds is None else speeds.left_out,
         **log.others,
     }
     return LogSeries(
@@ -269,6 +269,6 @@ def _check_drift(path: Path, clock: SenderClock, rows: int, scales: Scales) -> N
     if abs(drift) > _uncertain(clock, scales.period_s * rows):
         raise DatasetError(
             f"{path}: pressures come every {clock.period_s * 1e3:.6g} ms, but the control period is "
-            f"{scales.period_s * 1e3:.6g} ms: {drift:+.2%} is no clock drift; correct flow.control_period or "
+            f"{scales.period_s * 1e3:.6g} ms: {drift:+.2%} is more than clock drift; correct flow.control_period or "
             f"operating_point"
         )

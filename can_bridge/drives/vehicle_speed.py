@@ -1,7 +1,7 @@
 """The vehicle's speed in the frames of a drive, to convert pressures to Cp and seconds to convective times.
 
-The speed is checked as in the ECU (`ecu.speed_reception`): a speed that no vehicle can reach so fast is left out; the
-last valid speed then stays in use for a limited time. Between two valid speeds the speed is interpolated linearly.
+The speed is checked as in the ECU (`ecu.speed_reception`): a speed that needs an impossible acceleration is left out;
+the last valid speed then stays in use for a limited time. Between two valid speeds the speed is interpolated linearly.
 """
 
 from collections.abc import Sequence
@@ -110,8 +110,8 @@ def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config:
 
 
 def _spans(said: list[tuple[float, float, float]], config: SpeedConfig) -> list[list[tuple[float, float, float]]]:
-    """Group triples of time, speed and density into spans. A triple whose speed no vehicle can reach so fast is left
-    out; if the speed before it is too old to be used, the triple begins a new span instead."""
+    """Group triples of time, speed and density into spans. A triple is left out if its speed would need an impossible
+    acceleration since the triple before. If that triple is too old to be used, a new span begins instead."""
     spans: list[list[tuple[float, float, float]]] = []
     for one in said:
         passed = one[0] - spans[-1][-1][0] if spans else np.inf

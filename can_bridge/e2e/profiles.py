@@ -1,4 +1,4 @@
-"""The profiles of AUTOSAR's end-to-end protection, with their numbers in AUTOSAR and in the DBC (PRS_E2EProtocol).
+"""The profiles 2 and 5 of AUTOSAR's end-to-end protection (PRS_E2EProtocol); the DBC has the same profile numbers.
 
 The header is a little-endian CRC and a counter. In profile 2 the counter is the low half of a byte. The CRC covers all
 bytes after the CRC, and a data ID, which differs between messages and is not sent. So a message that is received under
@@ -28,12 +28,12 @@ class Profile:
 
     @property
     def header_bits(self) -> int:
-        """The number of bits of the header at the beginning of a message, least significant bit of each byte first."""
+        """The number of header bits; the bits of a byte are counted from the least significant bit."""
         return 8 * self.crc_length + (self.counter_period - 1).bit_length()
 
     def protect(self, data: bytes, *, data_id: int, counter: int) -> bytes:
-        """Return the message with its header filled in. Raises ValueError if the message is shorter than its header, or
-        an argument does not fit its field."""
+        """Return the message with its header. Raises ValueError if the message is shorter than its header, or an
+        argument does not fit its field."""
         length, largest_id = self.crc_length, (1 << 8 * self.crc_length) - 1
         if len(data) <= length:
             raise ValueError(f"message of {len(data)} bytes: has no room for the {length + 1}-byte E2E header")

@@ -3,8 +3,8 @@
 The receiver has two layers, as in AUTOSAR (PRS_E2EProtocol, "E2E profile check" and "E2E state machine"). Each frame
 gets a `FrameCheck` from its CRC and counter, and a window of the latest checks drives the `StreamState`:
 
-- NODATA becomes INIT when a frame passes its CRC; the window then has only this frame's check;
-- INIT and INVALID become VALID with `min_ok` good checks and at most `max_errors` bad checks in the window;
+- NODATA becomes INIT in the first period with a frame and without an error; the window then has only this check;
+- INIT and INVALID become VALID with at least `min_ok` good checks and at most `max_errors` bad checks in the window;
 - INIT becomes INVALID with more than `max_errors` bad checks;
 - VALID becomes INVALID with more than `max_errors` bad checks, or without a good check.
 
@@ -80,7 +80,7 @@ class ReceiverState:
     Attributes:
         last_counter: counter of the latest frame with a valid CRC; None before the first frame.
         window: checks of the latest periods, oldest first, from the check that ended NODATA on.
-        counts: number of checks with each result, at the index of the result's value; read the numbers with `count`.
+        counts: number of checks with each result, at the index `FrameCheck.value`; read the numbers with `count`.
     """
 
     stream: StreamState = StreamState.NODATA
@@ -142,7 +142,7 @@ def _checked(
     if len(data) != spec.length or not profile.check(data[: spec.protected], data_id=spec.data_id):
         return FrameCheck.ERROR, last_counter
     counter = profile.counter_of(data)
-    # The first frame has no counter before it, so the check treats the frame's counter as the expected counter.
+    # The first frame's counter has no predecessor, so it counts as the expected counter.
     delta = 1 if last_counter is None else (counter - last_counter) % profile.counter_period
     if delta == 0:
         return FrameCheck.REPEATED, counter

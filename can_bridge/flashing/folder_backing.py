@@ -73,7 +73,7 @@ class FolderFiles:
 
 
 def open_regular(path: Path, flags: int) -> int:
-    """Return the handle of a regular file; only the owner can access a new file. Raises OSError for other files."""
+    """Return the handle of a file; only the owner can access a new file. Raises OSError if the file is not regular."""
     handle = os.open(path, flags | os.O_NONBLOCK, 0o600)
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
@@ -126,7 +126,7 @@ class FolderBacking:
         self._files.sync_folder()
 
     def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
-        """Empty a slot's file. `behind` must be 0, because `begin_again` of this class always returns `length`."""
+        """Empty a slot's file. `behind` must be 0; `begin_again` of this class never makes another value necessary."""
         assert behind == 0
         self._written.pop(slot, None)
         self._files.replace(_slot_file(slot), b"")
@@ -150,7 +150,7 @@ class FolderBacking:
         if slot not in self._written:
             raise MediumError(f"slot {slot.name}: clear it, or announce an image again, before writing to it", 0)
         if self._written[slot] + len(data) > self.capacity:
-            raise MediumError(f"slot {slot.name}: holds {self.capacity} bytes, so no more data fits", self.capacity)
+            raise MediumError(f"slot {slot.name}: has room for only {self.capacity} bytes", self.capacity)
         before = self._written.pop(slot)
         self._unsynced.add(slot)
         self._files.append(_slot_file(slot), data)

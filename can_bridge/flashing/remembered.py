@@ -26,7 +26,7 @@ class Remembered:
     """The records of a backing; a missing or damaged record counts as never stored.
 
     Args:
-        root: the key that signs key lists.
+        root: public key that verifies key lists.
         fits: returns whether a release was made for this vehicle.
         check: checks an image: `checking.check` for bundles, `judge_image` for the images of microcontrollers.
 

@@ -32,8 +32,8 @@ _NONE: Final = 0xFF
 
 @dataclass(frozen=True, kw_only=True)
 class SlotReport:
-    """The report on one slot; for the other fields see `state.SlotState`. `verdict` is the result of the last boot's
-    check; None if the last boot did not check this slot."""
+    """The report on one slot. `verdict` is the result of the last boot's check; None if the last boot did not check
+    this slot. For the other fields see `state.SlotState`."""
 
     phase: SlotPhase
     name: str

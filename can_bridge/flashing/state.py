@@ -23,7 +23,7 @@ from contract.printable import is_name
 from contract.release.manifest import FIRST_SECURITY_VERSION
 
 TRIAL_BOOTS: Final = 3
-"""Number of times that an activated image boots unconfirmed before the store returns to the confirmed image."""
+"""Number of times that an activated image may boot unconfirmed; the store then returns to the confirmed image."""
 MOST_ATTEMPTS: Final = 255
 
 _MAGIC: Final = b"SWS1"
@@ -51,7 +51,7 @@ class SlotPhase(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class SlotState:
-    """The state of one slot. Until the image was checked, the fields that describe its release have their defaults.
+    """The state of one slot. The fields that describe its release have defaults until the image passes its checks.
 
     Attributes:
         length, sha256: length of the announced image in bytes, and its SHA-256, 32 bytes.

@@ -3,7 +3,7 @@
 The store has no clock, no randomness and no thread. A loss of power may interrupt any call. The next boot uses the
 state stored until then, and finds a valid image if there was a valid image before.
 
-    announce, append .., finish     write an image to the slot that is not protected, and check it in the memory
+    announce, append .., finish     write an image to the slot that may be overwritten, and check it there
     activate                        boot the image from the next reset on, up to `TRIAL_BOOTS` times
     confirm                         end the trial, and raise the least security version to the release's version
     revert                          return to the previous release
@@ -29,7 +29,7 @@ _SHA256_BYTES: Final = 32
 
 
 class OutOfOrderError(BusError):
-    """The request does not fit the store's present state."""
+    """The error for a request that does not fit the store's present state."""
 
 
 class BootReason(InWords):
@@ -80,8 +80,8 @@ class Store(Remembered):
         fits: Fits,
         check: ImageCheck = check,
     ) -> "Store":
-        """Fill an empty backing at production, with a key list and a confirmed image in slot A. Raises OutOfOrderError
-        if a release is confirmed; KeyFileError if the root key did not sign the list; ConfigError for a bad image."""
+        """Fill a new ECU's empty memory with a key list and with a confirmed image in slot A. Raises OutOfOrderError if
+        a release is confirmed; KeyFileError if the root key did not sign the list; ConfigError for a bad image."""
         store = cls(backing, root=root, hardware=hardware, fits=fits, check=check)
         if store.state.active is not None:
             raise OutOfOrderError("the store has a confirmed release: it must be empty to be provisioned")
@@ -131,7 +131,7 @@ class Store(Remembered):
 
     def _boot_confirmed(self, is_reverted: bool, verdicts: dict[Slot, Verdict]) -> Boot:
         """Return the boot of the confirmed image, or of the image confirmed before it. An image that fails a check
-        stays confirmed, so that a wrong stillwake.dbc or wrong vehicle data in the ECU can be corrected."""
+        stays confirmed: it can boot again when wrong vehicle data or a wrong stillwake.dbc in the ECU is corrected."""
         active = self.state.active
         for slot in () if active is None else (active, active.other):
             if self.state.slots[slot].phase != SlotPhase.CONFIRMED:
@@ -285,15 +285,15 @@ class Store(Remembered):
                 signer = PublicKey(standing.signer)
                 if signer in self.keys.keys - listed.keys:
                     raise KeyFileError(
-                        f"key list: lacks key {signer.fingerprint}, which signed the confirmed release; confirm a "
-                        "release with another key first"
+                        f"key list: lacks key {signer.fingerprint}, which signed the confirmed release; first confirm "
+                        "a release that another key has signed"
                     )
         self.backing.keep(RecordKind.KEYS, raw)
         self.keys = listed
 
     def keep_calibration(self, blob: bytes | None) -> None:
-        """Store a calibration for the running release; None removes it. Calibrations of releases that are in no slot
-        are removed. Raises OutOfOrderError if no release runs; ConfigError for an empty or too long calibration."""
+        """Store the running release's calibration, or remove it if `blob` is None. Calibrations of releases in no slot
+        are also removed. Raises OutOfOrderError if no release runs; ConfigError for a wrong length."""
         if self.running is None:
             raise OutOfOrderError("no release for the calibration: a release must run")
         running = self.state.slots[self.running].digest

@@ -35,7 +35,7 @@ class Single(NamedTuple):
 
 
 class First(NamedTuple):
-    """The beginning of a message; `frame_length` is the data length of the frames that follow."""
+    """The beginning of a message; `frame_length` is the frame's data length, which the following frames also have."""
 
     length: int
     data: bytes

@@ -24,7 +24,7 @@ class IsoTpSettings:
         is_fd: whether to send CAN FD frames; CAN FD frames and classic frames are received.
         block_size: number of frames after which the other end must wait for this end's flow control, 0 for never.
         separation_code: code byte of the least time between the frames that the other end sends.
-        queue: largest number of messages that wait to be sent, or to be taken.
+        queue: largest number of messages that wait to be sent, and of received messages that wait for `take`.
         burst: largest number of frames of one `poll`, so that a controller's transmit buffers do not overflow.
         wait_ns: longest wait for the other end's flow control (N_Bs) or next frame (N_Cr), in ns.
         max_waits: largest number of consecutive WAIT answers of the other end.
@@ -204,7 +204,7 @@ class _Transmission:
 
 
 KEPT_PLACES: Final = 2
-"""Number of reserved places in the transmit queue: for a response-pending, and for the answer to the same request."""
+"""Number of reserved places in the transmit queue, for a response-pending and the answer to the same request."""
 
 
 class Endpoint:
@@ -263,8 +263,8 @@ class Endpoint:
             self._transmission.flow(now_ns, part)
 
     def send(self, message: bytes) -> bool:
-        """Queue a message for the following calls of `poll`; return False if the queue is full. Raises ValueError for a
-        message that is empty or too long."""
+        """Queue a message for the following calls of `poll`; return False if the queue is full. Raises ValueError for
+        an empty or too long message."""
         if not 0 < len(message) <= MAX_MESSAGE:
             raise ValueError(f"message of {len(message)} bytes: must have 1..{MAX_MESSAGE}")
         if len(self._to_send) == self._settings.queue:

@@ -1,10 +1,10 @@
-"""The ASC files of Vector: "CAN, Log & Trigger ASC Logging Format", 1.4. Times are in s since measurement or trigger.
+"""The ASC files of Vector: "CAN, Log & Trigger ASC Logging Format", 1.4. Times are in s after the start or a trigger.
 
     0.000144 1  120  Rx  d 8 00 01 02 03 04 05 06 07                        classic CAN
     0.000144 CANFD   1 Rx   120  Pressure  1 0 a 16 00 01 ..  <eight numbers>   on a channel of CAN FD
 
 A name may replace an identifier. The third of the eight numbers has flags: bit 12 for a CAN FD frame, bit 4 for a
-remote frame. A channel of CAN FD also carries classic frames.
+remote frame. A channel of CAN FD can also have classic frames.
 """
 
 import re
@@ -54,7 +54,7 @@ _EVENTS: Final = {
 
 
 def read_asc(lines: entries.Lines) -> Iterator[Entry]:
-    """Yield the entries of the lines. Raises ValueError with the number of a line that is no frame, event or header."""
+    """Yield the lines' entries. Raises ValueError with the number of a line that is neither frame, event nor header."""
     base, is_relative, in_block, has_times = 16, False, False, False
     clock = _Clock()
     for number, line in lines:
@@ -121,9 +121,9 @@ class _Clock:
         return self._sum_s if is_relative else time_s
 
     def place(self, time_s: float, *, is_relative: bool) -> None:
-        """Note a frame's time. If the first frame of a block would be earlier than a frame of a previous block,
-        absolute times of the block count from the block's own date: `offset_s` is then the time from the first block's
-        date to this date. Raises ValueError if a date is unreadable, or the frame would still be earlier."""
+        """Record a frame's time. If a block's first frame seems to be earlier than a previous frame, times restart in
+        this block: `offset_s` is then set to the time from the first block's date to this block's date. Raises
+        ValueError if a date is unreadable, or if the frame is too early even with this offset."""
         if self._is_new and not is_relative and time_s + self.offset_s < self._latest:
             since = _between(self._first_date or "", self._date)
             if since is None or time_s + since < self._latest:
@@ -137,7 +137,7 @@ class _Clock:
 
 
 def _between(first: str, second: str) -> float | None:
-    """Return the time in s between two dates less than a month apart; None if a date is unreadable."""
+    """Return the time in s between two dates less than a month apart; None if it cannot be found."""
     months, days, seconds = [], [], []
     for text in (first, second):
         if (date := _DATE.search(text)) is None:
@@ -148,8 +148,8 @@ def _between(first: str, second: str) -> float | None:
         seconds.append(3600.0 * hour + 60.0 * int(date[3]) + float(date[4]))
     if months[0] == months[1]:
         return (days[1] - days[0]) * _DAY_S + seconds[1] - seconds[0]
-    # If the month changes, one day has passed: blocks are never further apart. The lengths of the months are not used,
-    # because the names of months depend on the language.
+    # If the month changes, the blocks are assumed to be one day apart. The lengths of the months are not used, because
+    # the names of months depend on the language.
     return _DAY_S + seconds[1] - seconds[0] if days[1] < days[0] else None
 
 
@@ -174,7 +174,7 @@ def _entry(time_s: float, words: list[str], text: str, base: int) -> Entry:
     if direction == "txrq":
         return LogEvent(entries.REQUEST)
     if len(words) < 5:
-        raise ValueError(f"{quoted(text, 60)} ends before its length")
+        raise ValueError(f"{quoted(text, 60)} ends before the frame's length")
     found = _identifier(words[2], base)
     if found is None and (numbered := _NUMBER_OF_NAME.search(text)):
         found = int(numbered[1]), bool(numbered[2])
@@ -188,7 +188,7 @@ def _entry(time_s: float, words: list[str], text: str, base: int) -> Entry:
         case "d" if len(words) > 5:
             data = entries.bytes_of(words[6:], entries.length_of(int(words[5], base), is_fd=False), base)
             return entries.frame(time_s, words[1], found, data, is_rx=is_rx)
-    raise ValueError(f"{quoted(text, 60)} is neither data (d) nor remote (r), with a length")
+    raise ValueError(f"{quoted(text, 60)} is neither a data frame (d) nor a remote frame (r) with a length")
 
 
 def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
@@ -202,7 +202,7 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
     # The message's name may follow the identifier, but is often missing.
     rest = words[5:] if words[5:6] and words[5] in ("0", "1") else words[6:]
     if len(rest) < 4:
-        raise ValueError(f"{quoted(' '.join(words), 60)} ends before its length")
+        raise ValueError(f"{quoted(' '.join(words), 60)} ends before the frame's length")
     found = _identifier(words[4], base)
     if found is None:
         return LogEvent(entries.NOT_OURS)

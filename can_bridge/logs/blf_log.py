@@ -59,8 +59,8 @@ _TX, _TX_REQUEST = 1, 2
 
 
 def read_blf(file: entries.Binary, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
-    """Yield an entry for each object that is not a container. Raises ValueError for a file of another format;
-    CutOffError for a truncated file."""
+    """Yield an entry for each object that is not a container. Raises ValueError if the file is not BLF, CutOffError if
+    it is cut off."""
     head = file.read(_FILE.size)
     if head[:4] != b"LOGG" or len(head) < _FILE.size:
         raise ValueError("its header is not the header of a BLF")

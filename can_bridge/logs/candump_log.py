@@ -37,7 +37,7 @@ _RELATIVE: Final = re.compile(r"\d{3}\.\d{6}")
 """A relative time: candump pads the seconds of -t z and -t d to three digits, and seconds since the epoch to ten."""
 _REMEDY: Final = "record with `candump -L`"
 _LATE: Final = 0.1
-"""Largest share of a channel's frames that a driver may stamp with the time of the previous frame."""
+"""Largest share of frames to which a driver may give the time of the previous frame of their channel."""
 
 
 def read_candump(lines: entries.Lines, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
@@ -88,7 +88,7 @@ class _Clock:
         return time_s
 
     def check(self) -> None:
-        """Raise ValueError if too many frames are not later than the previous frame: such times are differences."""
+        """Raise ValueError if too many frames are not later than the previous frame, as with times of -t d."""
         if self._not_later > _LATE * self._count:
             raise self._differences(f"{self._not_later} of {self._count} frames are not later than the previous frame")
 

@@ -20,7 +20,7 @@ COMMENT: Final = "comment"
 REQUEST: Final = "transmit request"
 """Event name of a node's request to send a frame. The frame itself is another entry, or was never sent."""
 NOT_OURS: Final = "frame with a name that stillwake does not use"
-"""Event name of a frame that has a name in place of an identifier, but not the name of one of our messages."""
+"""Event name of a frame whose line has no identifier, only a message name that is not in our DBC."""
 XL: Final = "CAN XL frame"
 
 IDS: Final = {spec.name: spec.frame_id for spec in SPECS}
@@ -41,11 +41,11 @@ _BYTE: Final = {16: re.compile("[0-9A-Fa-f]{2}"), 10: re.compile("[0-9]{1,3}")}
 Binary = BinaryIO | GzipFile
 """An open file, plain or gzip."""
 SinceEpoch = Callable[[datetime], float]
-"""A function that converts a file's local start time to s since the epoch; the file does not state a time zone."""
+"""A function that converts a local start time to s since the epoch, for files that do not state their time zone."""
 
 
 class LogEvent(NamedTuple):
-    """An entry that is not a frame: `lines` lines, or objects of a binary file, of the kind `name`."""
+    """An entry that is not a frame. It stands for `lines` lines (in a binary file: objects) of the kind `name`."""
 
     name: str
     lines: int = 1
@@ -75,7 +75,7 @@ def frame(
     time_s: float, channel: str, ident: Ident, data: bytes | None, *, fd: int = 0, is_rx: bool = True, dlc: int = 0
 ) -> can.Message:
     """Return a data frame, or a remote frame of `dlc` bytes if `data` is None. `fd` has the bits `FD_FRAME`, `BRS` and
-    `ESI`; 0 means classic CAN. Raises ValueError for an impossible identifier."""
+    `ESI`; 0 means classic CAN. Raises ValueError for an identifier out of range."""
     if not 0 <= ident[0] <= MAX_EXTENDED_ID:
         raise ValueError(f"identifier {ident[0]:X}, must have at most 29 bits")
     return can.Message(

@@ -28,7 +28,7 @@ from contract.errors import BusError
 LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".trc", ".mf4", ".mcap", ".csv", ".db")
 PACKED: Final = ".gz"
 _UNPACKED: Final = (".mf4", ".mcap", ".db")
-"""Endings of files that libraries read from the disk, so that these files cannot be packed."""
+"""Endings of files that cannot be read if they are packed, because libraries read them from the disk."""
 
 GREATEST_TIME_S: Final = 2**63 / 1e9
 """Largest time in s before or after the epoch that 64 bits of nanoseconds can represent: 292 years."""
@@ -58,8 +58,8 @@ def is_log(path: Path) -> bool:
 
 
 class CanLog:
-    """A log that can be read once, from its first message to its last. Timestamps are in s; channels are named as in
-    the file.
+    """A log that can be read once, from its first message to its last. Timestamps are in s; channels have the file's
+    names.
 
     Attributes:
         events: numbers of lines or objects read so far that are not messages, by name.
@@ -90,8 +90,8 @@ class CanLog:
         self._zone, self._only = zone, frozenset(channels)
 
     def __iter__(self) -> Iterator[can.Message]:
-        """Yield the messages in the order of the file. At damage, or at a line that is neither a message nor an event,
-        raises BusError with the file's name, after the messages before that place."""
+        """Yield the messages in the file's order. If the file is damaged, or has a line that is neither a message nor
+        an event, the messages before it are yielded; then BusError is raised."""
         with ExitStack() as stack:
             try:
                 for entry in self._entries(stack):
@@ -115,7 +115,7 @@ class CanLog:
                 raise BusError(f"{self.path}: cannot be read as a CAN log ({error or type(error).__name__})") from error
         if self._only and not self._only & set(self.channels):
             names = ", ".join(name or "a channel without a name" for name in sorted(self.channels)) or "none"
-            raise BusError(f"{self.path}: --channel {', '.join(sorted(self._only))}: it has {names}")
+            raise BusError(f"{self.path}: --channel {', '.join(sorted(self._only))}: no such channel, only {names}")
 
     def _entries(self, stack: ExitStack) -> Iterator[Entry]:
         """Return the entries of the file. Closing the stack closes the file."""

@@ -1,5 +1,5 @@
 """The MCAP files: a topic of frames, and a topic for each group of channels, in Protobuf. A file contains its schemas,
-so that Foxglove, Rerun and PlotJuggler read it. When a file is read as a log, messages without frames are events."""
+so that Foxglove, Rerun and PlotJuggler can read it. The log reader counts messages that are not frames as events."""
 
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -129,7 +129,7 @@ def read_mcap(path: Path) -> Iterator[Entry]:
             else:
                 yield LogEvent(f"record of {name.rpartition('.')[2]}")
     if not has_frames:
-        raise BusError(f"{path}: has no frames of CAN, among {count} messages")
+        raise BusError(f"{path}: has no CAN frames, only {count} other messages")
 
 
 def _entry(time_s: float, one: Any) -> Entry:

@@ -68,7 +68,7 @@ def read_mdf(path: Path, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
         with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
             opened = asammdf.MDF(path)
     except (ValueError, OSError, struct.error, failure) as error:
-        raise ValueError(f"cut off, damaged, or no ASAM MDF: {error}") from error
+        raise ValueError(f"cut off, damaged, or not ASAM MDF: {error}") from error
     with opened as measurement:
         start = measurement.start_time
         start_s = since_epoch(start) if start.tzinfo is None else start.timestamp()
@@ -98,11 +98,11 @@ def read_mdf(path: Path, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
 
 
 def _columns(measurement: Any, group: int, names: list[str], rows: int) -> dict[str, Any]:
-    """Return the fields of the first `rows` records, by name. A conversion may contain a constant field's value, so
-    conversions are applied, except conversions of numbers to texts such as "Rx"."""
+    """Return the fields of the first `rows` records, by name. Conversions are applied, because the value of a constant
+    field may be in its conversion. Conversions of numbers to texts such as "Rx" are not applied."""
     found = {}
     for name in names:
-        with redirect_stdout(io.StringIO()):  # asammdf prints a page before it raises
+        with redirect_stdout(io.StringIO()):  # asammdf prints a long text before it raises an error
             signal = measurement.get(name, group=group, raw=True, record_count=rows)
         found[name.rpartition(".")[2]] = signal.physical(ignore_value2text_conversions=True)
     return found
@@ -140,8 +140,8 @@ def _frames(kind: str, fields: Mapping[str, Any], start_s: float) -> Iterator[ca
 
 def write_mdf(path: Path, messages: Sequence[can.Message], groups: Sequence[ChannelGroup]) -> None:
     """Write a measurement, completely or not at all. Times count from the start time in the header. This is the last
-    full second before the first message or value, at least 1970, when virtual time begins. Raises BusError if asammdf
-    is missing; StillwakeError if the file cannot be written."""
+    full second before the first message or value, but not before 1970, when virtual time begins. Raises BusError if
+    asammdf is missing; StillwakeError if the file cannot be written."""
     asammdf = asammdf_for(path)
     first_s = [*(one.timestamp for one in messages), *(float(one.times_s[0]) for one in groups if len(one.times_s))]
     start_s = max(0, floor(min(first_s)))
@@ -174,12 +174,12 @@ def _kind(message: can.Message) -> str:
 
 
 def _numbers(messages: Sequence[can.Message]) -> dict[str, int]:
-    """Return each channel's number: its name if this is a number below 256, else the first free number from 1 on.
+    """Return each channel's number: its name if the name is a number below 256, else the first free number from 1 on.
     Raises BusError for too many channels."""
     names = list(dict.fromkeys(str(one.channel or "") for one in messages))
     found = {name: int(name) for name in names if name.isdecimal() and int(name) < 256}
     if len(names) > _MOST_CHANNELS:
-        raise BusError(f"ASAM MDF numbers up to {_MOST_CHANNELS} channels, the frames have {len(names)}")
+        raise BusError(f"ASAM MDF can number {_MOST_CHANNELS} channels, but the frames have {len(names)}")
     free = (number for number in range(1, 256) if number not in found.values())
     return {name: found[name] if name in found else next(free) for name in names}
 

@@ -1,5 +1,5 @@
 """The tables of python-can's logger: CSV and an SQLite database. A table has no channels and does not state whether a
-frame is CAN FD; the reader recognises CAN FD for our messages and for messages longer than 8 bytes."""
+frame is CAN FD; only our CAN FD messages and messages longer than 8 bytes are read as CAN FD."""
 
 import base64
 import sqlite3

@@ -63,13 +63,13 @@ def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> 
     if kind in _EVENTS:
         return LogEvent(_EVENTS[kind])
     if len(words) < 3:
-        raise ValueError(f"{quoted(text, 60)} ends before its length")
+        raise ValueError(f"{quoted(text, 60)} ends before the frame's length")
     time_s = start_s + float(words[columns.index("O")]) / 1e3
     channel = words[columns.index("B")] if "B" in columns else ""
     if kind in ("ER", "ERROR"):
         return entries.error_frame(time_s, channel, entries.PROTOCOL)
     if len(words) < len(head):
-        raise ValueError(f"{quoted(text, 60)} ends before its length")
+        raise ValueError(f"{quoted(text, 60)} ends before the frame's length")
     values = dict(zip(head, words, strict=False))
     rest = words[len(head) :]
     frame_id = values["I"]
@@ -91,7 +91,7 @@ def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> 
     if kind == "RR" or rest[:1] == ["RTR"]:
         return entries.frame(time_s, channel, ident, None, dlc=length, is_rx=is_rx)
     if kind not in ("", "RX", "TX", "DT", *_FD) or direction not in ("", "RX", "TX", "DT"):
-        raise ValueError(f"type {quoted(kind)} is not one of this format")
+        raise ValueError(f"type {quoted(kind)} is no type of this format")
     data = entries.bytes_of(rest, length)
     if len(rest) > length:
         raise ValueError(f"{length} bytes announced, {len(rest)} present")

@@ -1,5 +1,5 @@
-"""The authentication as in AUTOSAR SecOC: a message has a freshness value and a message authentication code (MAC).
+"""The authentication of messages by a freshness value and a message authentication code (MAC), as in AUTOSAR SecOC.
 
-E2E protection detects faults; authentication detects attackers. The project has its own profile, in the terms of
-AUTOSAR's "Specification of Secure Onboard Communication". Freshness value and authenticator have 64 bits each.
+E2E protection detects faults; authentication detects attackers. The project has a profile of its own, described in the
+terms of AUTOSAR's "Specification of Secure Onboard Communication". Freshness value and authenticator have 64 bits each.
 """

@@ -2,9 +2,9 @@
 
 Each node has a JSON file of its own. `begin` counts the power cycle before the first frame is sent, so that no
 freshness value is used twice. `accepted` stores the newest freshness value from the other node: immediately when the
-other node has begun another power cycle, otherwise once in `every` frames, because flash memory wears. A restarted node
-refuses every frame whose value is not above the stored value. One gap remains: frames that were accepted after the
-last write can be replayed to a node that has just restarted, until the first genuine frame arrives.
+other node has begun a new power cycle, otherwise once in `every` frames, because flash memory wears. A restarted node
+refuses every frame whose value is not above the stored value. One gap remains: frames that were accepted after the last
+write can be replayed to a node that has just restarted, until the first genuine frame arrives.
 """
 
 import json
@@ -37,9 +37,9 @@ class FreshnessStore:
     def begin(self, key: Key) -> Authentication:
         """Count a power cycle, and return the node's authentication data for this cycle.
 
-        If the file is missing, power cycles count from 1 again. This is safe and is noticed, because the other node
-        then refuses every frame. Raises BusError if the file is damaged, or if power cycles have reached their largest
-        number; StillwakeError if the file cannot be written.
+        If the file is missing, power cycles count from 1 again, so the other node refuses every frame of this node, and
+        this node accepts old frames until a genuine frame arrives. Raises BusError if the file is damaged, or if power
+        cycles have reached their largest number; StillwakeError if the file cannot be written.
         """
         before, heard = self._read()
         if before >= LARGEST_HALF:
@@ -48,7 +48,7 @@ class FreshnessStore:
         return Authentication(key=key, trip=self._trip, heard=self._heard)
 
     def accepted(self, frame_id: int, freshness: int) -> None:
-        """Note the newest value that a receiver accepted; raises StillwakeError if the file cannot be written."""
+        """Take the newest accepted value, and write it if a write is due; raises StillwakeError if writing fails."""
         kept = self._heard.get(frame_id, 0)
         if freshness >> 32 != kept >> 32 or freshness - kept >= self._every:
             self._keep(self._trip, {**self._heard, frame_id: freshness})

@@ -19,8 +19,8 @@ _LONGEST: Final = 2 * KEY_LENGTH + 2
 
 
 class Key(NeverCopied):
-    """A 128-bit key, prepared for use. The key is never printed and cannot be pickled. Raises ValueError for another
-    length, or for a key of zeros, which an empty memory would contain."""
+    """A 128-bit key, prepared for use. The key is never printed and cannot be pickled. Raises ValueError unless the
+    secret has 16 bytes, or if they are all zero, as in an empty memory."""
 
     INSTEAD: ClassVar = "a key is never shown; make another key of the same secret"
 
@@ -68,7 +68,7 @@ def read_secret(path: Path) -> bytes:
 
 def write_key(path: Path, secret: bytes) -> None:
     """Write a key as hexadecimal digits, readable by its owner alone. Raises KeyFileError if the file exists or cannot
-    be written; ValueError for bytes that are no key."""
+    be written; ValueError for bytes that are not a key."""
     Key(secret)
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)

@@ -97,7 +97,7 @@ class VerifierState:
 
 
 class Verification(NamedTuple):
-    """The frames that passed in a period. `none_authentic` is true if frames of the message came and none passed."""
+    """The frames that passed in a period. `none_authentic` is true if the message's frames were all refused."""
 
     state: VerifierState
     frames: Sequence[Frame]

@@ -25,7 +25,7 @@ P2_S: Final = 1.0
 P2_EXTENDED_S: Final = 6.0
 """Longest wait in s for the next answer after a response-pending."""
 LONGEST_PENDING_S: Final = 60.0
-"""Longest time in s for which an ECU may send only response-pending or busy answers before it counts as absent."""
+"""Longest time in s for which an ECU may send only response-pending or busy answers; then the request has failed."""
 TIMES: Final = 5
 """Largest number of attempts at a request that gets no answer."""
 READ_TIMES: Final = 25
@@ -35,7 +35,7 @@ BUSY: Final = 0x21
 """Negative response code busyRepeatRequest (ISO 14229-1, table A.1)."""
 BUSY_WAIT_S: Final = 0.1
 PRESENT_S: Final = 2.0
-"""Time in s between two messages that keep a session open; within `S3_MS` one of these messages may be lost."""
+"""Time in s between messages that keep a session open: less than half of `S3_MS`, so that one of them may be lost."""
 DELAY_S: Final = 15.0
 """Longest wait in s while the ECU accepts no key after wrong keys; it exceeds the ECU's delay of 10 s."""
 
@@ -185,7 +185,7 @@ class Asking:
             return self._ask(step, call, times=times)
 
     def _ask(self, step: str, call: Callable[[], T | None], *, times: int = TIMES) -> Any:
-        """Return the ECU's answer. Raises RefusedError if it is negative; NoAnswerError after `times` attempts."""
+        """Return the ECU's answer. Raises RefusedError for a negative answer; NoAnswerError after `times` attempts."""
         from udsoncan import exceptions
 
         sent = 0

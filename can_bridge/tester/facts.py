@@ -21,7 +21,7 @@ from contract.release.checks import Bundle, dbc_sha256
 @dataclass(frozen=True, kw_only=True)
 class EcuFacts:
     """The properties of one ECU. `dbc_sha256` is the hash of the DBC whose messages the ECU sends. `capacity` is the
-    size of the largest image in bytes."""
+    largest image's size in bytes."""
 
     hardware: str
     serial_number: str
@@ -33,8 +33,8 @@ class EcuFacts:
 
 
 def read_facts(asking: Asking) -> EcuFacts:
-    """Read all properties. Raises RefusedError if the ECU lacks a property; FlashError for a number of
-    another length; BusError for a damaged report."""
+    """Read all properties. Raises RefusedError if the ECU lacks a property; FlashError for a number of unexpected
+    length; BusError for a damaged report."""
     return EcuFacts(
         hardware=_text(asking, Did.HARDWARE),
         serial_number=_text(asking, Did.SERIAL_NUMBER),

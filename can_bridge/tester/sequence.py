@@ -1,8 +1,8 @@
 """The steps that flash an ECU through an open udsoncan client, on real buses and in virtual time.
 
-Nothing in this module prints, sleeps or reads a clock. After any interruption the ECU still has its old release. If
-`flash` is called again, it continues from the state of the ECU: with an image that is partly transferred or not yet
-activated, or with a release on trial.
+This module prints nothing; its clock and its `sleep` are arguments. After any interruption the ECU still has its old
+release. If `flash` is called again, it continues from the state of the ECU: with an image that is partly transferred or
+not yet activated, or with a release on trial.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def flash(
     Args:
         client: client with an open connection; this function changes its settings.
         image: image of the release, as built by `contract.release.container`.
-        key: returns the key for a seed of the programming level; a dry run needs none.
+        key: returns the key for a seed of the programming level; None is enough for a dry run.
         dry_run: whether to stop before anything is written.
         confirm: whether to confirm the release; otherwise it stays on trial.
         judge: raises FlashError if an ECU with these properties must not be flashed with this image.

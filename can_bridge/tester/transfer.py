@@ -1,4 +1,4 @@
-"""The transfer of an image to an ECU: announce the image, send it from the requested byte on, and check it.
+"""The transfer of an image to an ECU: announce the image, send it from the byte that the ECU requests, and check it.
 
 After any interruption, such as lost frames, a session that ended or a loss of power, the next attempt begins with a new
 session and a new announcement. The answer to the announcement states the byte from which the image is to be sent.

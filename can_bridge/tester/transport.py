@@ -1,6 +1,6 @@
 """A CAN connection for udsoncan: ISO-TP by can-isotp over the buses of `can_bridge.bus`. Needs the extra `flash`.
 
-There is no thread: an ECU sends nothing unrequested, so the bus is only read while a request is sent and its answer is
+There is no thread: an ECU only answers requests, so the bus is only read while a request is sent and its answer is
 awaited. Late or repeated responses to an earlier request are dropped.
 """
 
@@ -32,7 +32,7 @@ _SAME: Final = {
 }
 """Bytes of a request that a positive response repeats at the same place: sub-function, identifier or block counter."""
 _OF_ONE_CODE: Final = frozenset({FaultReport.SNAPSHOT, FaultReport.EXTENDED})
-"""Fault reports that also repeat the trouble code."""
+"""Fault reports whose answers also repeat the request's trouble code."""
 
 
 def answers(request: bytes, response: bytes) -> bool:
@@ -53,7 +53,7 @@ FRAME_S: Final = 1.0
 """Longest time in s to send one frame: while other nodes send, a CAN controller's queue may stay full."""
 _TURN_S: Final = 0.02
 FLOW_CONTROL_MS: Final = 1000
-"""Timeouts in ms for a flow control frame (N_Bs) and for the next consecutive frame (N_Cr) (ISO 15765-2)."""
+"""Timeout in ms for a flow control frame (N_Bs), and for the next consecutive frame (N_Cr) (ISO 15765-2)."""
 _MOST_WAITS: Final = 100
 _ENDS_SENDING: Final = (isotp.FlowControlTimeoutError, isotp.OverflowError, isotp.MaximumWaitFrameReachedError)
 

@@ -1,5 +1,4 @@
-"""The background traffic of other nodes on a simulated bus: periodic messages, generated or from a DBC file, and a
-function that sends them.
+"""The background traffic of other nodes on a simulated bus: periodic messages, generated or from a DBC file.
 
 The share of the bus that generated messages fill is computed from the longest frame of each message. A background of
 0.9 therefore leaves at least a tenth of the bus free, so that no queue grows without bound. Random contents need fewer
@@ -36,7 +35,7 @@ OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
 
 @dataclass(frozen=True, kw_only=True)
 class PeriodicMessage:
-    """A periodic message of a node.
+    """A periodic message of a node. The node begins to prepare one frame at each release.
 
     Attributes:
         period_ns: shortest time between two releases.
@@ -75,7 +74,8 @@ _OURS: Final = {(spec.name, spec.frame_id) for spec in SPECS}
 
 @dataclass(frozen=True, kw_only=True)
 class BackgroundTraffic:
-    """The messages of other nodes, highest priority first. `left_out` has the file's other messages as "name (why)"."""
+    """The messages of other nodes, highest priority first. `left_out` names the file's unsent messages, with
+    reasons."""
 
     messages: tuple[PeriodicMessage, ...]
     left_out: tuple[str, ...] = ()
@@ -84,9 +84,10 @@ class BackgroundTraffic:
 def read_traffic(path: Path, bus: BusConfig, *, seed: int) -> BackgroundTraffic:
     """Return a file's messages at their cycle times (`GenMsgCycleTime` in a DBC), with random phases from `seed`.
 
-    A message is left out if it has no cycle time, if no CAN frame of this bus can carry it, or if it is a message of
-    stillwake: a description of a whole vehicle also contains these. Raises BusError as `load_network` does, or if no
-    message can be sent, two messages have the same identifier, or a message does not fit this bus.
+    A message is left out if it has no cycle time, is longer than a frame, is CAN FD without bit-rate switching, or is
+    one of stillwake's messages, which the file of a whole vehicle also has. Raises BusError as `load_network` does, or
+    if no message is left, two messages have the same identifier, one has an identifier of stillwake, or one is CAN FD
+    on a classic bus.
     """
     database = load_network(path)
     random = Random(seed)

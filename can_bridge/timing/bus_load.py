@@ -1,6 +1,6 @@
 """The load of a bus, and worst-case response times of its messages if there are no errors.
 
-docs/explanation/simulated-bus.md names the source, section 3 of which has the equations, and their assumptions. A frame
+docs/explanation/simulated-bus.md states the assumptions, and the source, whose section 3 has the equations. A frame
 cannot be interrupted, so a message waits for at most one frame of lower priority (blocking, B), and for every frame of
 higher priority that is queued before the message is sent. If all messages are queued at the same instant, the slowest
 frame of a message need not be the first frame after this instant, so the analysis examines every frame in the busy
@@ -8,7 +8,7 @@ period of the message's priority.
 
 With CAN FD the same equations hold: a node loses in the arbitration phase, which has the nominal bit rate, and then
 waits for one whole frame. A frame of higher priority can still win if it is queued at most one nominal bit after the
-bus became free; this time is the paper's tau_bit. The bits of the data phase are shorter. The nominal tau_bit is used
+bus became free; this time is tau_bit in the source. The bits of the data phase are shorter. The nominal tau_bit is used
 for them too, because a longer tau_bit can only increase the number of counted frames.
 """
 
@@ -31,7 +31,7 @@ LONGEST_BUSY_NS: Final = 60 * 10**9
 
 
 class MessageTiming(NamedTuple):
-    """A message's parameters in the analysis: the paper's C, T, D and J. `deadline_ns` is the longest permitted time
+    """A message's parameters in the analysis: C, T, D and J in the source. `deadline_ns` is the longest permitted time
     from the release to the end of the frame."""
 
     frame_ns: int
@@ -60,7 +60,7 @@ class Response:
 
 
 def response_times(timings: Sequence[MessageTiming], *, bit_ns: int) -> list[Response]:
-    """Return the response times of messages, highest priority first; `bit_ns` is the time of a bit, rounded up."""
+    """Return the response times of messages, highest priority first; `bit_ns` is a nominal bit's time, rounded up."""
     blocking = [0, *accumulate((one.frame_ns for one in reversed(timings[1:])), max)][::-1]
     higher: _Rhythms = {}
     responses = []
@@ -71,10 +71,10 @@ def response_times(timings: Sequence[MessageTiming], *, bit_ns: int) -> list[Res
 
 
 def message_response_times(messages: Sequence[PeriodicMessage], bus: BusConfig) -> list[Response]:
-    """Return the response times of all messages. Raises ValueError unless they are in strictly falling priority."""
+    """Return the response times of messages, highest priority first. Raises ValueError if the order is different."""
     for one, other in pairwise(messages):
         if one.priority >= other.priority:
-            raise ValueError(f"{one.name} before {other.name}: messages must be in strictly falling priority")
+            raise ValueError(f"{one.name} before {other.name}: messages must have decreasing priorities")
     timings = [
         MessageTiming(
             frame_ns=message.worst_ns(bus),
@@ -141,7 +141,7 @@ def _ceil(dividend: int, divisor: int) -> int:
 
 
 _CONTENTS: Final = 16
-"""Number of frames whose length is averaged; the standard error of the mean is below half a per cent."""
+"""Number of frames whose times are averaged; the standard error of the mean is below half a per cent."""
 
 
 @dataclass(frozen=True, kw_only=True)

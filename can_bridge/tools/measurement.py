@@ -42,14 +42,14 @@ WORDS: Final[Mapping[str, Mapping[int, str]]] = {
 }
 """Names of the values of signals that are enumerations."""
 _IN_THE_FRAME: Final = ("Freshness", "MAC")
-"""Signals of 64 bits. They get no channel, because the numbers of a channel are too short for 64 bits."""
+"""Signals of 64 bits. They get no channel, because a channel's floating-point numbers have only 53 bits."""
 _PAUSE_S: Final = 0.05
-"""Pause in s between two writes of a live log: short, because a control step may have to wait for a write."""
+"""Pause in s between two writes of a live log. It is short, so that no write delays a control step for long."""
 
 
 def check_measurement(path: Path) -> None:
     """Check whether a measurement can be written; called before the frames are read. Raises BusError for an unknown
-    ending or without asammdf; ModuleNotFoundError without another package; StillwakeError for a path not writable."""
+    ending or without asammdf; ModuleNotFoundError without another package; StillwakeError for an unwritable path."""
     if path.suffix.lower() not in MEASUREMENTS:
         raise BusError(f"{path}: a measurement must end in {' or '.join(MEASUREMENTS)}")
     if path.suffix.lower() == ".mf4":
@@ -68,8 +68,7 @@ def write_measurement(
     events: Iterable[tuple[str, int, Any]] = (),
     facts: Mapping[str, str] | None = None,
 ) -> Counter[str]:
-    """Write frames and channels, completely or not at all. Return the numbers of our frames that have no channels, by
-    name.
+    """Write frames and channels, completely or not at all. Return the numbers of our frames without channels, by name.
 
     The messages may be in any order; they are written in the order of their times. `more` are groups of channels whose
     values are not from frames. Only an `.mcap` file gets `events` and `facts` (`can_bridge.logs.mcap_file.write_mcap`).
@@ -129,7 +128,7 @@ def live_log(path: Path | None) -> Iterator[Callable[[Frame, bool], None]]:
     check_measurement(path)
     place = leads_to(path)
     place.parent.mkdir(parents=True, exist_ok=True)
-    # In a container a killed process and the next process often have equal numbers.
+    # In a container a killed process and the next process often have the same process number.
     endings = chain(("",), (f".{number}" for number in count(1)))
     names = (place.with_name(f".{path.name}.{os.getpid()}{ending}.log") for ending in endings)
     stream = next(name for name in names if not name.exists())

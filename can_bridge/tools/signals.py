@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cantools.database.can.signal import Signal
 
 PROTECTION: Final = frozenset({"E2E_CRC", "E2E_Counter", "Freshness", "MAC"})
-"""Signals that only protect the message's other signals."""
+"""Signals that only serve to protect the message."""
 
 STALE_MS: Final = 70
 """Largest age in ms that a frame of the classic set can state. The value means this age or any greater age."""
@@ -48,7 +48,7 @@ class SignalValue(NamedTuple):
 
 
 class Decoded(NamedTuple):
-    """A message of ours and its signals in order; no signals for a wrong length or a value outside its table."""
+    """One of our messages with its signals in order; no signals for a wrong length or a value outside its table."""
 
     spec: MessageSpec
     signals: tuple[SignalValue, ...]

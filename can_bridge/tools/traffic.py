@@ -170,19 +170,17 @@ SignalCell = tuple[str, str, str]
 
 @dataclass(kw_only=True)
 class Summary:
-    """The traffic so far.
+    """The statistics of all traffic so far.
 
     Attributes:
-        config: settings of the bus, for the load and the rules for counters. For the load, a frame without a bit-rate
-            switch has the nominal rate.
+        config: bus settings, from which the load is computed and with which counters are checked. For the load, a frame
+            without a bit-rate switch has the nominal rate.
         key: key for secured messages; without it their authentication is not checked.
-        most: largest number of messages that are listed; frames with further identifiers are only counted, in
-            `unlisted`.
-        messages: messages by (channel, extended, identifier), because two buses have independent counters.
+        most: largest number of messages that are listed; frames of all other messages are only counted, in `unlisted`.
+        messages: statistics by (channel, extended, identifier), because message counters of two buses are independent.
         errors: numbers of error frames, by the reported error.
-        remote, unsound: number of remote frames, and number of impossible frames.
-        first_s, last_s: earliest and latest time of a frame of any kind, whatever the order of the frames; None without
-            a frame.
+        remote, unsound: number of remote frames, and number of data frames with an invalid identifier, length or time.
+        first_s, last_s: earliest and latest time of all frames, whatever their order; None if there is no frame.
         busy_ns: time for which the data frames occupied each bus, including stuff bits and intermissions, by channel.
     """
 

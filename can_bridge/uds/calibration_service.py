@@ -70,7 +70,7 @@ class CalibrationService:
         raise Refused(Nrc.OUT_OF_RANGE)
 
     def write(self, did: Did, value: bytes) -> None:
-        """Write an identifier; raises Refused for other identifiers, and for values that are not allowed."""
+        """Write an identifier; raises Refused if the identifier cannot be written or the value is not allowed."""
         if did is Did.CALIBRATION:
             with as_refusals():
                 self._segment.set(Calibration.unpack(value))

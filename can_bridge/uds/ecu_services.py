@@ -1,8 +1,8 @@
 """The ECU's diagnostic services, which act on its store of releases; `can_bridge.uds.server` calls them.
 
 The answer to the routine ERASE has the offset of the first byte to send (4 bytes). The answer to CHECK has a `Verdict`
-(1 byte). Answers to the other routines are empty. A repeated request gets the first answer again, because the tester
-may not have received that answer.
+(1 byte). Answers to the other routines are empty. A repeated request gets the same answer again, because the tester may
+not have received the first answer.
 """
 
 from collections.abc import Callable, Mapping
@@ -150,8 +150,8 @@ class EcuServices:
             self._store.keep_failed_attempts(level, count)
 
     def before_reset(self) -> None:
-        """Check that control is not active: a reset, or an ECU that sends nothing, would interrupt control. Control may
-        have begun after the session began."""
+        """Check that control is not active: a reset, or an ECU that sends no messages, would interrupt control. The
+        check is needed because control may have begun after the session."""
         if not self.is_updating:
             self._check_preconditions()
 

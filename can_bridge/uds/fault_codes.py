@@ -1,6 +1,6 @@
-"""The diagnostic trouble codes of this ECU (SAE J2012-DA), one code for each reason that is a fault, and the snapshots.
+"""The diagnostic trouble codes of this ECU (SAE J2012-DA), and the snapshots. Each `Reason` that is a fault has a code.
 
-The first two bytes of a code are a letter, a 1 (which marks a manufacturer's own code), and the number of the reason.
+The first two bytes of a code are a letter, a 1 (which marks a manufacturer's own code), and the number of the `Reason`.
 The letter is U for faults of the bus, P for faults of the ECU and its sensors. The third byte is the type of failure.
 """
 

@@ -119,10 +119,10 @@ class FaultMemory:
         self._noted.append((reason, snapshot))
 
     def settle(self) -> None:
-        """Record the noted results, and store the record if this is allowed now. Raises MediumError if storing fails;
-        the next call does not repeat the attempt."""
+        """Evaluate the noted results, and store the record if this is allowed now. Raises MediumError if this fails;
+        the next call does not try again."""
         while self._noted and (self.is_on or len(self._noted) > 1):
-            # While recording is off, only the latest result stays queued. It is recorded when recording resumes.
+            # While recording is off, only the latest result stays queued. It is evaluated when recording resumes.
             reason, snapshot = self._noted.popleft()
             if not self.is_on:
                 continue
@@ -211,7 +211,7 @@ def report(memory: FaultMemory, kind: FaultReport, option: bytes) -> bytes:
 
 
 def cleared(group: int) -> Collection[Reason]:
-    """Return the faults in a group of codes: all faults, or a single fault. Raises Refused for other groups."""
+    """Return the faults in a group: `ALL_GROUPS`, or a single code. Raises Refused for an unknown code."""
     if group == ALL_GROUPS:
         return CODES.keys()
     if group not in REASON_BY_CODE:

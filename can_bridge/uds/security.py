@@ -24,7 +24,7 @@ ANSWER_LENGTH: Final = 16
 MAX_ATTEMPTS: Final = 3
 DELAY_NS: Final = 10_000_000_000
 LABEL: Final = b"stillwake access"
-"""Label at the beginning of the message whose AES-CMAC is a level's key; the level's number follows."""
+"""Label before the level's number in the message whose AES-CMAC is the level's key."""
 
 
 class AccessKey:
@@ -45,7 +45,7 @@ class AccessKey:
 
 
 class SecurityAccess:
-    """The unlocked level, and the procedure to unlock a level; `attempts` stores the counts of wrong attempts."""
+    """The unlocked level, and the procedure to unlock a level; `attempts` stores the numbers of wrong attempts."""
 
     def __init__(self, key: AccessKey, random_bytes: Callable[[int], bytes], attempts: EcuServices) -> None:
         self._key = key

@@ -84,7 +84,7 @@ UNSENT_TO_ALL: Final = frozenset(
         Nrc.SERVICE_NOT_IN_SESSION,
     }
 )
-"""Negative responses that are not sent to functional requests (section 7.5), because each ECU would send one."""
+"""Negative responses that a functional request does not get (section 7.5), because every ECU would send one."""
 
 
 class Routine(IntEnum):
@@ -93,13 +93,13 @@ class Routine(IntEnum):
     PRECONDITIONS = 0x0203
     """Check whether the ECU may be programmed now."""
     SELF_TEST = 0x0204
-    """Run the running release's controller on input that must give a finite plan."""
+    """Run the running release's controller on a test input; its plan must be finite."""
     ACTIVATE = 0x0205
     """Activate the checked image: from the next reset on, it boots on trial."""
     CONFIRM = 0x0206
     """Confirm the release on trial."""
     REVERT = 0x0207
-    """Return to the previous release from the next reset on."""
+    """Select the previous release: it boots from the next reset on."""
     ERASE = 0xFF00
     """Announce an image and prepare a slot. The option record has the image's length (4 bytes) and SHA-256 (32 bytes).
     The answer has the offset (4 bytes) of the first byte to send, above 0 if a transfer was interrupted."""
@@ -132,10 +132,10 @@ class Did(IntEnum):
     CALIBRATION_LIMITS = 0xFD11
     """The least allowed values, the greatest allowed values and the release's own values: three packed calibrations."""
     CALIBRATION_STORED = 0xFD12
-    """Writing 1 stores the values in force; 0 restores the release's values. Reading returns 1 if values are stored."""
+    """Writing 1 stores the values in force, 0 restores the release's values. Reading returns 1 if values are stored."""
 
 
-class Refused(Exception):  # noqa: N818  (a negative response is an answer, no error)
+class Refused(Exception):  # noqa: N818  (a negative response is an answer, not an error)
     """The refusal of a request, with a negative response code."""
 
     def __init__(self, code: Nrc, why: str = "") -> None:

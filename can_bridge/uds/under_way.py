@@ -55,7 +55,7 @@ class Download:
 
     Attributes:
         missing: number of bytes that have not come yet.
-        is_closed: whether the tester has ended the download. Blocks are then refused, but not a repeated end.
+        is_closed: whether the tester has ended the download. More blocks are then refused; ending it again is allowed.
     """
 
     def __init__(self, offset: int, length: int) -> None:

@@ -2,7 +2,7 @@
 
 The codec works as `can_bridge.wire.codec` does, within the limits of eight bytes:
 
-- A pressure has 12 bits of 1 Pa. There are no validity bits; -2048 means that the sensor's diagnosis found a fault.
+- A pressure has 12 bits with a resolution of 1 Pa, and no validity bit; -2048 means that the sensor reports a fault.
 - An age is in units of 10 ms, rounded up, so that no frame looks fresher than it is. The largest value (70 ms or more)
   is read as `STALE_NS`, which is too old for any use. The age of a speed is sent as 2.55 s if it is greater.
 - A status has counts up to 63 (bus-off: 15) and two bytes of the bundle hash. It has no error counters, no list of
@@ -62,7 +62,7 @@ def parse_pressure(data: bytes) -> Pressure | None:
 
 
 def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
-    """Return the message as 8 bytes. Raises ValueError for a value not finite or out of range; no age is too great."""
+    """Return the message as 8 bytes. Raises ValueError for a value that is not finite or out of range."""
     density, speed = speed_steps(message)
     age = _age_steps("VehicleSpeed", message.age_ns, _SPEED_AGE_LIMIT)
     return (density << 24 | speed << 32 | age << 48).to_bytes(_LENGTH, "little")

@@ -5,7 +5,7 @@ raises ValueError for a value that is not finite or out of range. `parse_*` read
 None for data of another length or a value outside the DBC's table, and never raises. Values are rounded to the nearest
 multiple of the resolution. Bits without a signal are sent as zero and ignored when received.
 
-The tables and conversions without an underscore also serve `can_bridge.wire.classic_codec`.
+`can_bridge.wire.classic_codec` also uses the tables and conversions whose names do not begin with an underscore.
 """
 
 import math
@@ -53,7 +53,7 @@ _STATUS_LIMITS: Final = {
 
 MODES: Final = {mode.value: mode for mode in Mode}
 REASONS: Final = {reason.value: reason for reason in Reason}
-"""Members by raw value."""
+"""Members of `Mode` and of `Reason`, by raw value."""
 
 
 def emit_pressure(message: Pressure) -> bytes:
@@ -146,8 +146,8 @@ def _age_steps(message: str, age_ns: int) -> int:
 
 
 def pressure_steps(message: Pressure, resolution_pa: float, low: int, high: int) -> list[int]:
-    """Return the raw values of the pressures; raises ValueError as `signed` does, or unless the message has a pressure
-    and a validity for each sensor."""
+    """Return the raw values of the pressures; raises ValueError as `signed` does, or unless each sensor has a pressure
+    and a validity."""
     for name, values in (("pressure_pa", message.pressure_pa), ("valid", message.valid)):
         if len(values) != SENSORS:
             raise ValueError(f"Pressure.{name} has {len(values)} values: must have {SENSORS}")

@@ -17,7 +17,7 @@ FD_LENGTHS: Final = (*CLASSIC_LENGTHS, 12, 16, 20, 24, 32, 48, 64)
 
 @dataclass(frozen=True, kw_only=True)
 class Frame:
-    """A data frame. CAN FD frames switch to the data bit rate. Raises ValueError for an impossible frame or a negative
+    """A data frame. CAN FD frames switch to the data bit rate. Raises ValueError for an invalid identifier, length or
     time.
 
     Attributes:

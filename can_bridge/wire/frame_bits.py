@@ -1,10 +1,10 @@
 """The number of bits of a frame on the bus, with the stuff bits of its content (ISO 11898-1:2015).
 
-A stuff bit of the opposite value follows five equal bits and counts as the first bit of the next run. In classic CAN,
-stuff bits are inserted from the start of frame to the end of the CRC. In CAN FD they are inserted up to the end of the
-data; the stuff count and the CRC have fixed stuff bits, whose number does not depend on the content. The first fixed
-stuff bit always follows the data, so five equal bits at the end of the data need no further stuff bit.
-`worst_case_bits` is an upper bound for all contents.
+After five equal bits the sender inserts a stuff bit of the opposite value, which counts as the first bit of the next
+run. In classic CAN, stuff bits are inserted from the start of frame to the end of the CRC. In CAN FD they are inserted
+up to the end of the data; the stuff count and the CRC have fixed stuff bits, whose number does not depend on the
+content. The first fixed stuff bit always follows the data, so five equal bits at the end of the data need no further
+stuff bit. `worst_case_bits` is an upper bound for all contents.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""The sets of messages that a bus can carry, and the properties of each set that both nodes use.
+"""The sets of messages that a bus can carry, with the functions that convert each set's messages to bytes and back.
 
 A bus has one set: `bus.frames` selects CAN FD or classic CAN, and `bus.key` selects the authenticated form of the CAN
 FD set. Each set has its own identifiers, so that the frames of a node with another set are recognised, not misread.

@@ -107,13 +107,14 @@ class EcuStatus(NamedTuple):
     """The health of the controller, and numbers of events since power-on.
 
     Attributes:
-        overruns, missed, crc_errors: numbers of events, up to COUNT_LIMIT; the sender limits all counts.
+        overruns, missed, crc_errors: numbers of control periods left out, of periods without usable pressures, and of
+            pressure frames with a wrong CRC or length; at most COUNT_LIMIT.
         bus_off: number of times that the CAN controller went bus-off, up to BUS_OFF_LIMIT.
         bundle_hash: first 32 bits of the bundle's hash, `contract.release.bundle.Bundle.short_hash`.
         refused: number of pressure frames with a valid CRC that were repeated or out of sequence, up to COUNT_LIMIT.
         not_authentic: number of pressure frames that were rejected for their MAC or freshness, up to COUNT_LIMIT.
         tx_errors, rx_errors: the CAN controller's error counters, up to ERROR_LIMIT.
-        set_aside: pressures that the controller does not use: bit i for Pressure i, up to SET_ASIDE_LIMIT.
+        set_aside: bit i is 1 if the controller does not use Pressure i; at most SET_ASIDE_LIMIT.
     """
 
     state: Mode

@@ -1,1 +1,1 @@
-"""The additions to python-can's backends, so that no received data can stop a backend."""
+"""The additions to python-can's backends that keep invalid received data from stopping a backend."""

@@ -1,4 +1,4 @@
-"""A connection to an open python-can bus. It sends and receives single messages, and closes even a failed bus."""
+"""A connection to an open python-can bus. It sends and receives single messages, and can close a failed bus."""
 
 import struct
 from collections.abc import Mapping
@@ -29,8 +29,8 @@ _OF_EXTRA_BUS: Final = ("udp_multicast", "slcan")
 
 
 def open_backend(config: BusConfig) -> tuple[can.BusABC, str]:
-    """Open the configured bus. Return the bus and the name of its interface in python-can. If the bus cannot be opened,
-    raises a BusError that states the interface and the channel."""
+    """Open the configured bus. Return the bus and the name of its interface in python-can. Raises BusError if the
+    interface is unknown or the bus cannot be opened."""
     _check_known(config.interface)
     # Vendors' drivers raise exceptions of any type, for example if the driver's library is missing.
     try:
@@ -99,9 +99,9 @@ def _constructed(interface: str, options: dict[str, Any]) -> can.BusABC:
 
 
 GARBAGE_LIMIT: Final = 1000
-"""Number of consecutive errors of a backend's parser after which the bus counts as failed. The count restarts when a
-valid frame or no data is received. Without this limit, a dead backend that raises an error on every call would look
-like endless noise. Our own backends raise `UnusableReceptionError` for rejected data; it is not counted."""
+"""Largest number of consecutive errors of a backend's parser; at the next error the bus counts as failed. A call that
+receives a message or nothing resets the count. Without this limit, a failed backend that raises an error in every call
+would look like endless noise. `UnusableReceptionError`, which only our own backends raise, is not counted."""
 
 _UNREADABLE: Final = (ValueError, IndexError, struct.error)
 """Exceptions that the backends' parsers raise for invalid data."""
@@ -116,7 +116,7 @@ class OpenBus(NeverCopied):
 
     def close(self) -> None:
         """Disconnect from the bus. A second call does nothing. An adapter that was removed causes no error."""
-        # If closing an unplugged adapter raised an error, this error would hide the error that ended the work.
+        # An error when an unplugged adapter is closed would hide the first error, which ended the work.
         with suppress(can.CanError, OSError):
             self._bus.shutdown()
 
@@ -127,14 +127,14 @@ class OpenBus(NeverCopied):
         self.close()
 
     def _send(self, message: can.Message, name: str, timeout_s: float) -> None:
-        """Send a message. Raises BusError, with `name`, if the bus fails or does not accept the message in time."""
+        """Send a message. Raises BusError if the bus fails or does not accept the message in time."""
         try:
             self._bus.send(message, timeout=timeout_s)
         except (can.CanError, OSError, ValueError) as error:
             raise BusError(f"frame {name} was not sent: {one_line(error)}") from error
 
     def _received(self, timeout_s: float) -> can.Message | Rejection | None:
-        """Receive once. Returns a message, the reason why the received data are not a message, or None if nothing was
+        """Receive once. Return a message, the reason why the received data are not a message, or None if nothing was
         received. Raises BusError if the bus failed or delivers only garbage."""
         try:
             message = self._bus.recv(timeout=timeout_s)

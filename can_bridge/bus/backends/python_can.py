@@ -1,8 +1,8 @@
 """A python-can bus with this package's frames and errors, and a thread that reads it.
 
-python-can has defects that a node must avoid: `virtual` blocks for ever in `send` without a timeout when a peer stops
-reading, one garbage datagram ends python-can's Notifier, and garbage on a serial line raises a bare ValueError. In this
-module every call of `send` ends, and each reception is either returned or counted by the reason for its rejection.
+A node must avoid these defects of python-can: on a `virtual` bus, `send` without a timeout waits for ever if another
+node stops reading; one garbage datagram ends python-can's Notifier; garbage on a serial line raises a bare ValueError.
+Here `send` never waits for ever, and each reception is returned, or counted by the reason for its rejection.
 """
 
 import os
@@ -47,7 +47,7 @@ def health_after(health: BusHealth, classes: int, data: bytes) -> BusHealth:
     if classes & _BUS_OFF:
         return replace(health, state=BusState.BUS_OFF, bus_off=health.bus_off + 1)
     if classes & _RESTARTED:
-        # After bus-off, a controller is error-active and its counters are zero (ISO 11898-1, fault confinement).
+        # After recovery from bus-off, a controller is error-active with zero counters (ISO 11898-1, fault confinement).
         return replace(health, state=BusState.ERROR_ACTIVE, tx_errors=0, rx_errors=0)
     if health.state is BusState.BUS_OFF:
         return health
@@ -101,11 +101,11 @@ class PythonCanBus(OpenBus):
         """Take over an open python-can bus. Closing this object closes the bus.
 
         Args:
-            accept: identifiers to receive (an int has 11 bits); None for all 11-bit identifiers. python-can's own
-                filter is not used, because it ends a waiting call at the first frame that it drops.
+            accept: identifiers to receive (an int means an 11-bit identifier); None for all 11-bit identifiers.
+                python-can's own filter is not used, because a call that waits would end when the filter drops a frame.
             is_classic: whether to refuse CAN FD frames, sent and received.
             linux_error_frames: whether error frames have the form of `linux/can/error.h` and report on the controller.
-            keep: called with each sent or accepted frame, and with whether the frame was received.
+            keep: called with each sent or accepted frame, and with True for a received frame or False for a sent frame.
         """
         super().__init__(bus)
         self._accept = None if accept is None else {CanId(one) if isinstance(one, int) else one for one in accept}
@@ -149,8 +149,8 @@ class PythonCanBus(OpenBus):
 
     @property
     def overflows(self) -> int:
-        """The known number of receptions that were lost because a queue was full. Linux counts the losses of
-        `udp_multicast` and `socketcan`. A SocketCAN controller also reports the frames that it lost itself."""
+        """The known number of receptions lost because a queue was full. Linux counts the losses of `udp_multicast` and
+        `socketcan`. Each report of a SocketCAN controller that it lost frames also counts as one loss."""
         try:
             in_kernel = _dropped(self._bus.fileno())
         except (can.CanError, OSError, NotImplementedError):
@@ -158,8 +158,8 @@ class PythonCanBus(OpenBus):
         return in_kernel + self._overflow_reports
 
     def health(self) -> BusHealth:
-        """Return the CAN controller's health as far as known: from received error frames of SocketCAN, and from the
-        value ERROR (bus-off) of python-can's `state`. The other values of `state` differ between drivers."""
+        """Return the CAN controller's health as far as known: from SocketCAN's error frames, and from the value ERROR
+        (bus-off) of python-can's `state`, whose other values are not used because they differ between drivers."""
         try:
             is_off = self._bus.state is can.BusState.ERROR
         except (can.CanError, OSError, NotImplementedError):
@@ -179,7 +179,7 @@ class PythonCanBus(OpenBus):
         self._keep(frame, False)
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """Return the next frame; None if none comes in time. Raises BusError if the bus failed or delivers garbage."""
+        """Return the next frame, or None after `timeout_s`. Raises BusError if the bus failed or delivers garbage."""
         deadline = time.monotonic() + timeout_s
         while True:
             left = max(0.0, deadline - time.monotonic())
@@ -233,11 +233,11 @@ class PythonCanBus(OpenBus):
 
 
 POLL_S: Final = 0.05
-"""Longest time in s that the thread waits for one frame, and so the longest time that it takes to stop."""
+"""Longest time in s that the thread waits for one frame. Stopping the thread takes at most this time."""
 
 
 class ReceiveThread:
-    """A thread that reads `bus` in its `with` block, or until `close`. `fault` is the error that ended it."""
+    """A thread that reads `bus` during a `with` block, or until `close`. `fault` is the error that ended the thread."""
 
     def __init__(self, bus: PythonCanBus, deliver: Callable[[Frame], None]) -> None:
         """Prepare the thread, which calls `deliver` with each frame; `deliver` must return without waiting."""

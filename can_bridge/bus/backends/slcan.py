@@ -1,8 +1,8 @@
-"""A backend for serial CAN adapters (slcan, the Lawicel protocol): python-can's backend, with our own code for lines.
+"""A backend for serial CAN adapters (slcan, the Lawicel protocol), with our own code to read and write lines.
 
-python-can 4.6 never discards a line that it cannot decode, reads truncated and foreign lines as frames, treats the
-acknowledgement of a sent frame as if nothing had arrived, and reports sent frames as not sent. This module only uses
-python-can's code that opens an adapter and parses a valid line.
+python-can 4.6 never discards a line that it cannot decode, reads truncated lines and lines of other programs as frames,
+stops waiting for a frame when it reads the acknowledgement of a sent frame, and reports sent frames as not sent. So
+this module uses python-can's code only to open an adapter and to parse valid lines.
 """
 
 import os
@@ -29,7 +29,7 @@ _BEL: Final = 0x07
 _CR: Final = b"\r"
 
 LINE_LIMIT: Final = 256
-"""Number of bytes without a line end that count as one unreadable line; the longest valid line has 143 bytes."""
+"""Largest number of bytes without a line end; more count as one unreadable line. A valid line has at most 143 bytes."""
 _CHUNK: Final = 4096
 
 OPENING_TIMEOUT_S: Final = 2.0

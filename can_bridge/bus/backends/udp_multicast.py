@@ -4,8 +4,8 @@ python-can 4.6 does not check the types of a datagram's values: 20 bytes with `{
 C parser of msgpack (1.1.2) leaks up to 4 KB for each truncated map, so msgspec reads the datagrams. python-can's
 backend also receives its own frames and, on Linux, frames of groups that other processes joined.
 
-Two equal datagrams count as two frames: some senders send no time, and the sequence numbers of ISO-TP repeat every 16
-frames, while a datagram that stays on this machine never arrives twice.
+Two equal datagrams count as two frames. They may be different frames, because some senders send no time and ISO-TP's
+sequence numbers repeat every 16 frames; and a datagram that stays on this machine never arrives twice.
 """
 
 import socket
@@ -74,7 +74,7 @@ def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | 
 
 
 class UdpMulticastBus(PythonCanUdpMulticastBus):
-    """A node in this machine's multicast group. It raises `UnusableReceptionError` for unusable datagrams."""
+    """A node in this machine's multicast group. It raises `UnusableReceptionError` for unusable or own datagrams."""
 
     def __init__(self, channel: str = PythonCanUdpMulticastBus.DEFAULT_GROUP_IPv6, **options: Any) -> None:
         """Join the group at an IPv4 or IPv6 multicast address, with options of python-can's backend. This bus always
@@ -88,7 +88,7 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
         sock = self._multicast._socket
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_QUEUE)
         if sys.platform == "linux":
-            with suppress(PermissionError):  # the size exceeds the system's limit
+            with suppress(PermissionError):  # without the privilege, the system's limit applies
                 sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_QUEUE)
             four = self._multicast.ip_version == 4
             level, option = (

@@ -1,1 +1,1 @@
-"""The faults of any `can_bridge.bus.interface.Bus`, reproducible by a seed; each file has one family of faults."""
+"""The faults that can be applied to any `can_bridge.bus.interface.Bus`. A seed makes them reproducible."""

@@ -1,4 +1,4 @@
-"""The common part of all faults: their spans, the frames on which they act, and the bus that applies them."""
+"""The common part of all faults: when and on which frames they act, and the bus that applies them."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -57,16 +57,16 @@ class Span(Settings, section="span"):
 
 @dataclass(frozen=True, kw_only=True)
 class Instant(Span, section="instant"):
-    """An event that happens once, at `start_s`. An event written as text ends in @TIME."""
+    """An event that happens once, at `start_s`. Its text form (`can_bridge.bus.faults.text`) ends in @TIME."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BusFault(Span, ABC, section="fault"):
-    """A fault that acts on one port for a time span."""
+    """A fault that acts on one port during a time span."""
 
     @abstractmethod
     def acting(self, port: "Injector") -> tuple[Send, Receive]:
-        """Return two functions, to send and to receive at this port. They count the fault's effects in `port.acted`."""
+        """Return functions with which this port sends and receives. They count the fault's effects in `port.acted`."""
 
 
 class Injector(WrappedBus):
@@ -118,7 +118,7 @@ class SidedFault(FrameFault, section="sided_fault"):
 
     @abstractmethod
     def change(self, random: Random) -> Change:
-        """Return a function from a frame to the frames that replace it. It takes all random numbers from `random`."""
+        """Return a function that replaces a frame by a list of frames. It takes all random numbers from `random`."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
         """Replace the frames of one direction in the span. `acted` counts the frames changed, lost or copied."""

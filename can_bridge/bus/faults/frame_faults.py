@@ -1,7 +1,7 @@
 """The faults of single frames: lost, duplicated, late, out of order, with changed data, or with wrong bits on the bus.
 
 CAN's own CRC does not detect data that were changed before they reached the sender's CAN controller, or after they left
-the receiver's controller. After wrong bits on the bus, the sender repeats the frame, and the error counters rise.
+the receiver's. It detects wrong bits on the bus: the sender then repeats the frame, and the error counters rise.
 """
 
 import heapq
@@ -43,7 +43,7 @@ class BurstLoss(SidedFault, section="burst_loss"):
     loss: Fraction[float]
     """Long-term share of lost frames."""
     mean_burst: Annotated[float, at_least(1)]
-    """Mean number of frames that are lost in succession in a burst."""
+    """Mean number of consecutive frames that a burst loses."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -116,8 +116,8 @@ class Delay(FrameFault, section="delay"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reorder(FrameFault, section="reorder"):
-    """A fault that collects groups of `window` frames, and delivers each group in random order. The first reading after
-    the span delivers all waiting frames. `acted` counts the frames that change places."""
+    """A fault that collects groups of `window` frames, and delivers each group in random order. The first call of
+    `receive_all` after the span delivers all waiting frames. `acted` counts the frames that change places."""
 
     window: Annotated[int, at_least(1)] = 2
 
@@ -160,8 +160,8 @@ class FlipBits(SidedFault, section="flip_bits"):
     bits: AtLeastOne[int] = 1
     """Number of different bits that are inverted in one frame. If a frame has fewer bits, all its bits are inverted."""
     before_crc: bool = False
-    """Whether the bits change before the end-to-end CRC is computed, so that the CRC fits the wrong data. Only
-    stillwake's messages then change. Otherwise the bits change in a driver, a gateway or the receiver's memory."""
+    """Whether the bits change before the end-to-end CRC is computed, so that the CRC fits the wrong data. If true, only
+    stillwake's messages are changed. If false, the bits change later, as in a driver or a gateway."""
 
     def change(self, random: Random) -> Change:
         """Return a function that flips bits. With `before_crc`, it raises BusError for an authenticated frame."""
@@ -184,8 +184,8 @@ class StuckAt(SidedFault, section="stuck_at"):
     """A fault that repeats the data of each identifier's first frame in the span. `acted` counts the changed frames."""
 
     counter_runs: bool = False
-    """Whether counter and CRC are renewed in each frame, as if only the application were stuck. Only stillwake's
-    messages then change. Otherwise the whole data stay equal, as in a buffer that is not refilled."""
+    """Whether counter and CRC are renewed in each frame, as if only the application were stuck. If true, only
+    stillwake's messages are changed. If false, all data repeat, as from a buffer that is not refilled."""
 
     def change(self, random: Random) -> Change:
         """Return a function that repeats data. With `counter_runs`, it raises BusError for an authenticated frame."""
@@ -202,13 +202,13 @@ class StuckAt(SidedFault, section="stuck_at"):
 
 
 def _spec_of(frame: Frame) -> MessageSpec | None:
-    """Return the specification of a frame's message; None if it is not a message of stillwake. Raises BusError for an
-    authenticated frame, because its MAC cannot be recomputed without the key."""
+    """Return the specification of a frame's message; None if the message is not one of stillwake's. Raises BusError for
+    an authenticated frame, because its MAC cannot be recomputed without the key."""
     spec = _SPECS.get(frame.frame_id)
     if spec is None or not spec.names(frame) or len(frame.data) != spec.length:
         return None
     if spec.is_secured:
-        raise BusError(f"{spec.name} is authenticated: a fault before its protection would need the key")
+        raise BusError(f"{spec.name} is authenticated: to change it before it is protected, a fault would need the key")
     return spec
 
 
@@ -233,13 +233,13 @@ class WireErrors(Span, section="wire_errors"):
 
     bit_error_rate: Probability[float]
     nodes: tuple[str, ...] = ()
-    """Names of the ports at which bits are wrong; empty for all ports. As `corrupts` of a `SimulatedBus`, the fault
-    changes the frames that these ports send, for all nodes. As `mishears`, it changes frames for these ports alone."""
+    """Names of ports; empty for all. As a bus's `corrupts`, the fault changes frames that these ports send, for all
+    nodes; as `mishears`, it changes frames that these ports receive, for these ports alone."""
     frame_ids: tuple[int, ...] = ()
     """See `FrameFault.frame_ids`."""
 
     def hook(self, seed: int) -> Callable[[Frame, str, int], int | None]:
-        """Return a function to pass to a `SimulatedBus` as `corrupts` or `mishears`. Each bus needs a new one."""
+        """Return a function to pass to a `SimulatedBus` as `corrupts` or `mishears`. Call `hook` once for each bus."""
         random = Random(f"{seed} {self.section}")
         rate = self.bit_error_rate
 

@@ -16,7 +16,7 @@ MOST_BABBLED: Final = 1000
 @dataclass(frozen=True, kw_only=True)
 class Disconnect(BusFault, section="disconnect"):
     """A node that sends and receives nothing. `acted` counts the frames lost in both directions. Frames that arrived
-    before a "device_gone" span and were not read yet are delivered after the span."""
+    before a "device_gone" span, but were not read before it, are delivered after it."""
 
     kind: Literal["open_wire", "device_gone"] = "open_wire"
     """Kind of the fault. "open_wire": the bus is silent, and the node sees no error when it sends. "device_gone": every
@@ -54,8 +54,8 @@ class Disconnect(BusFault, section="disconnect"):
 @dataclass(frozen=True, kw_only=True)
 class SlowConsumer(BusFault, section="slow_consumer"):
     """A node that reads few frames at a time from a short queue. A full queue loses the newest frame, like queues of
-    python-can's buses and of CAN controllers in FIFO mode. When the span ends, one reading receives all frames in the
-    queue. `acted` counts the lost frames."""
+    python-can's buses and of CAN controllers in FIFO mode. The first call of `receive_all` after the span returns all
+    frames in the queue. `acted` counts the lost frames."""
 
     frames_per_call: AtLeastOne[int] = 1
     queue: AtLeastOne[int] = 16
@@ -79,11 +79,11 @@ class SlowConsumer(BusFault, section="slow_consumer"):
 
 @dataclass(frozen=True, kw_only=True)
 class ClockDrift(BusFault, section="clock_drift"):
-    """A clock that runs fast or slow, or has a constant offset. At the span's end it jumps back to the true time.
+    """A clock that runs fast or slow, or has a constant offset. When the span ends, the clock jumps to the true time.
 
-    On a bus, the fault stamps the frames that the node receives with this clock's time. To simulate a node whose own
-    clock drifts, also read the node's time through `local_ns`. Otherwise only the stamps drift, as with an adapter that
-    has a separate clock. `acted` counts the frames with a changed stamp.
+    On a bus, the fault replaces the time stamps of received frames with this clock's times. To simulate a node whose
+    own clock drifts, also convert the node's time with `local_ns`. Otherwise only the stamps drift, as with an adapter
+    that has a clock of its own. `acted` counts the frames with a changed stamp.
     """
 
     ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0

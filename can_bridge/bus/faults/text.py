@@ -30,8 +30,8 @@ _SPAN: Final = ("start_s", "end_s")
 
 
 def parse_fault(text: str) -> BusFault:
-    """Return the fault that a text describes. If a part of the text is unknown, missing, of another type or out of its
-    bounds, raises a ConfigError with the text and this part."""
+    """Return the fault that a text describes. Raises a ConfigError that states the text and the wrong part if a part is
+    unknown, missing, of a wrong type or out of bounds."""
     return parse_described(text, BUS_FAULTS, "fault")
 
 
@@ -99,7 +99,7 @@ def _span(text: str, described: str, kind: type[Span]) -> tuple[float, float]:
 
 
 def _value(text: str, hint: Any) -> Any:
-    """Convert a parameter's text to the parameter's type. Raises ValueError if the text has another type."""
+    """Convert a parameter's text to the parameter's type. Raises ValueError if this is not possible."""
     if get_origin(hint) is tuple:
         return tuple(_value(part, get_args(hint)[0]) for part in text.split("+"))
     if get_origin(hint) is Literal:

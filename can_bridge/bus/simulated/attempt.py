@@ -22,8 +22,8 @@ AFTER_ACKNOWLEDGE: Final = 8
 FLAG: Final = 6
 """Number of bits of an error flag."""
 ERROR_FLAGS: Final = 12
-"""Number of bits of an error flag and the flags that answer it, for every error except a missing acknowledgement. The
-answers begin when the flag violates the rule of bit stuffing, at the latest after its sixth bit."""
+"""Number of bits of an error flag and the flags that answer it, for every error except a missing acknowledgement. Other
+nodes answer when the flag violates the rule of bit stuffing, at the latest after the flag's sixth bit."""
 DELIMITER: Final = 8
 
 PASSIVE_FROM: Final = 128
@@ -46,7 +46,7 @@ class AttemptVerdict(Enum):
     """A stuff bit of the sender was overwritten during arbitration. No node counts this error."""
     RECEIVE_ERROR = auto()
     SIGNALLED_FIRST = auto()
-    """A receive error that no other node saw before this node's error flag. The receiver may be at fault."""
+    """A receive error that no other node saw before this node's error flag, so this receiver may be faulty."""
 
     @property
     def is_senders(self) -> bool:
@@ -105,7 +105,7 @@ def resolve(
     """Return the outcome of an attempt in which nodes start frames of equal priority at the same time.
 
     Args:
-        receivers: all nodes but the senders that are not bus-off.
+        receivers: all nodes that neither send nor are bus-off.
         misheard: position of the inverted bit, for each receiver that alone sees this bit inverted.
         disturbed: position of the bit that all nodes see inverted. Positions are counted from the start of frame; a
             position after the end of frame means the last bit.
@@ -155,8 +155,8 @@ def resolve(
 def _collide(
     sent: Mapping[SimulatedPort, SentBits], verdicts: dict[SimulatedPort, AttemptVerdict]
 ) -> tuple[list[SimulatedPort], int | None]:
-    """Return the remaining senders, and the bit at which their frames end in an error flag; None for equal frames. At
-    the first difference, the sender of a recessive bit has a bit error. If that node is error-passive, its flag is
+    """Return the remaining senders, and the position at which an error flag ends their frames; None for equal frames.
+    At the first difference, the sender of a recessive bit has a bit error. If that node is error-passive, its flag is
     recessive and all other nodes continue."""
     senders = list(sent)
     while len({sent[port].stuffed for port in senders}) > 1:

@@ -6,7 +6,7 @@ Every node has a port with a queue (`can_bridge.bus.simulated.port`) and a contr
 Time passes only in `advance_to` and `advance_until`, and jumps from event to event. A frame that begins at the present
 time waits until time passes, because other nodes can still send at that instant and take part in the arbitration.
 
-The caller passes two functions that state which bits are wrong; all other faults wrap a port.
+The caller's functions `corrupts` and `mishears` state which bits are wrong on the bus. All other faults wrap a port.
 """
 
 import heapq
@@ -51,7 +51,7 @@ class BusActivity(NamedTuple):
 
     @property
     def load(self) -> float:
-        """The share of time with a frame on the bus, 0 to 1."""
+        """The share of time in which the bus was occupied, 0 to 1."""
         return min(self.busy_ns / self.now_ns, 1.0) if self.now_ns else 0.0
 
 
@@ -110,7 +110,7 @@ class SimulatedBus:
         return frame_ns(frame, **self._rates)
 
     def under_way(self, frame_id: int) -> int:
-        """Return the number of frames with this 11-bit identifier that were sent and have not arrived yet."""
+        """Return the number of frames with this 11-bit identifier that wait for the bus or are on the bus."""
         frames = (item.frame for port in self._ports for item in port.waiting)
         return sum(frame.frame_id == frame_id and not frame.is_extended for frame in frames)
 
@@ -153,7 +153,7 @@ class SimulatedBus:
 
     def _next_event(self) -> tuple[int, Callable[[], None] | None] | None:
         """Return time and action of the earliest event; the action is None for a frame that begins. Simultaneous events
-        have this order: a frame ends, a node recovers, a call, a frame begins."""
+        have this order: a frame ends, a node recovers, an action of `call_at` runs, a frame begins."""
         events: list[tuple[int, Callable[[], None] | None]] = []
         if self._attempt is not None:
             events.append((self._attempt.end_ns, self._end))

@@ -30,7 +30,7 @@ RECESSIVE_BITS: Final = 11
 
 
 class Recovery(NamedTuple):
-    """The recovery from bus-off: from `since_ns` on, it needs `left` more sequences of eleven recessive bits."""
+    """The recovery from bus-off: from `since_ns` on, the node needs `left` more sequences of 11 recessive bits."""
 
     left: int
     since_ns: int

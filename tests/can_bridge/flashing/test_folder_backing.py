@@ -38,7 +38,7 @@ def test_what_the_system_refuses_is_one_line(tmp_path):
         backing.append(Slot.A, b"x")
     for _ in backing.clear(Slot.A):
         pass
-    with pytest.raises(MediumError, match="holds 10 bytes"):
+    with pytest.raises(MediumError, match="has room for only 10 bytes"):
         backing.append(Slot.A, bytes(11))
     with pytest.raises(MediumError, match="0 bytes are there, must be 5 or more"):
         backing.begin_again(Slot.A, 5)

@@ -87,7 +87,7 @@ def test_damage_is_named_in_one_line(tmp_path):
             lambda content: content.replace(b",8,AAAAAAAAAAA=", b",10,AAAAAAAAAAAAAA==", 1),
             "line 2: 10 bytes are not",
         ),
-        (".trc", lambda content: content.replace(b" DT ", b" XY ", 1), "line 19: type 'XY' is not one of this format"),
+        (".trc", lambda content: content.replace(b" DT ", b" XY ", 1), "line 19: type 'XY' is no type of this format"),
         (".trc", lambda content: content.replace(b",I,", b",X,", 1), r"columns 'N,O,T,B,X,.*, must have O \(time\), I"),
         (".trc", lambda content: content.replace(b"=2.1", b"=3.0", 1), "line 1: version '3.0', must be 1.0, 1.1"),
     ]:

@@ -119,7 +119,7 @@ def test_what_is_no_log_of_frames_is_one_line(tmp_path, capfd):
     whole = (tmp_path / "whole.mf4").read_bytes()
     for length in [*range(0, len(whole), len(whole) // 15), len(whole) - 1]:
         (tmp_path / "a.mf4").write_bytes(whole[:length])
-        with refused(BusError, r"a\.mf4: cannot be read as a CAN log \(cut off, damaged, or no ASAM MDF: "):
+        with refused(BusError, r"a\.mf4: cannot be read as a CAN log \(cut off, damaged, or not ASAM MDF: "):
             list(CanLog(tmp_path / "a.mf4"))
     with asammdf.MDF(version="4.10") as measurement:
         measurement.append(asammdf.Signal(np.arange(5.0), np.arange(5.0), name="Wind"))

@@ -41,7 +41,7 @@ def test_the_counterexample_to_the_first_analysis():
     assert [one.in_time for one in bounds] == [True, True, False]
     a, b, _ = messages
     for wrong in ([b, a], [a, a]):
-        with pytest.raises(ValueError, match="must be in strictly falling priority"):
+        with pytest.raises(ValueError, match="must have decreasing priorities"):
             message_response_times(wrong, bus)
 
 

@@ -152,7 +152,7 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused, place):
             "--forces forces.csv --set mpc.horizon=3": "`dataset import` does not use it",
             "--forces forces.csv --reference Cp=300Pa": "drive.log are divided by 375 Pa",
             "--forces forces.csv --set flow.action_limit=0.01": "beyond flow.action_limit = 0.01",
-            "--forces forces.csv --channel can7": "drive.log: --channel can7: it has vcan0",
+            "--forces forces.csv --channel can7": "drive.log: --channel can7: no such channel, only vcan0",
             "--forces forces.csv --log-zone Mars": "--log-zone Mars: must be a name such as Europe/Berlin or UTC",
             "--forces forces.csv --log-zone +02:00": "no log begins in local time",
             "--forces forces.csv --set bus.frames=classic": "holds no pressure, PressureClassic (0x121)",
