@@ -16,7 +16,7 @@ class InWords(IntEnum):
 
 
 class Verdict(InWords):
-    """The results of the checks, in the order of the checks. The first failed check determines the verdict."""
+    """The results of the checks of a release. The first failed check determines the verdict."""
 
     GOOD = 0, "in order"
     INCOMPLETE = 1, "bytes of the image are missing"
