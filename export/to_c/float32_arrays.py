@@ -49,8 +49,7 @@ def padded(values: Array) -> Array:
 
 
 def centred(values: Array) -> Array:
-    """Return C W or C b with C = I - 1 1^T / n, where 1 is a vector of n ones. The mean over the first axis, the n
-    outputs, becomes zero."""
+    """Subtract the mean over the first axis (the n outputs of a layer) from a weight matrix or a bias vector."""
     return np.asarray(values - values.mean(axis=0))
 
 

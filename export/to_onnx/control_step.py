@@ -32,7 +32,7 @@ from export.to_onnx.prior import lower_prior, lower_schedule, lower_unknown
 
 
 def build_controller(lowered: Program) -> onnx.ModelProto:
-    """Lower a program to ONNX. A rounded program gives int8 weights, any other program float32 weights; arithmetic is
+    """Convert a program to ONNX. A rounded program gives int8 weights, any other program float32 weights; arithmetic is
     in float32. Raises ExportError for a value that float32 cannot hold."""
     store, program = store_for(lowered), effective(lowered)
     shapes = program.sizes.shapes()
