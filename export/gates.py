@@ -96,10 +96,10 @@ def case_speed(program: ControllerProgram, number: int) -> float:
 
 
 def check_lowering(program: ControllerProgram, lowering: Controller, name: str, windows: Sequence[Array]) -> Figures:
-    """Compare a lowering with the reference. Returns three largest differences: between actions in U_inf W, between
-    forces, and between costs or terms. Raises ExportError if a difference exceeds its tolerance or is NaN. `program` is
-    the program that the lowering should compute; for an int8 lowering, `program` has the dequantised weights. `windows`
-    are recorded windows (L, S+1) of L rows and S sensors, one per case."""
+    """Compare a lowering with the reference. Returns the number of cases and the largest differences of actions in
+    U_inf W, of forces, and of costs or terms. Raises ExportError if a difference exceeds its tolerance or is NaN.
+    `program` is the program that the lowering should compute; for an int8 lowering, `program` has the dequantised
+    weights. `windows` are recorded windows (L, S+1) of L rows and S sensors, one per case."""
     differences = []
     for case in control_cases(program, windows):
         expected = control_step(program, *case)
@@ -148,8 +148,8 @@ def exact_answers(program: ControllerProgram, windows: Iterable[Array]) -> list[
 def compare_answers(
     program: ControllerProgram, answer: Answer, windows: Sequence[Array], exact_steps: Sequence[ControlStep]
 ) -> Figures:
-    """Compute the control steps of `exact_answers` with a lowering, and compare them with the exact steps. In each
-    step, both programs start from the float program's previous plan. Raises ExportError if there are no windows.
+    """Repeat the control steps of `exact_answers` with a lowering's function, and return figures of the differences. In
+    each step, both programs start from the float program's previous plan. Raises ExportError if there are no windows.
 
     Errors of the commanded action a_t and of all actions of a plan are in U_inf W. The cost gap is J(quantised plan) -
     J(float plan); the float program computes both. The gap is positive if the quantised plan is worse.

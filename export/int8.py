@@ -1,5 +1,5 @@
 """The rounding of weights to integers. Weights are rounded once, so that all int8 lowerings have equal integers. The
-reference uses the program with dequantised weights. The manifest and the C header have the hash of this program.
+reference uses the program with dequantised weights. The manifest and the C header state the hash of this program.
 
 Weights are symmetric int8 with one scale per output row; biases and norms remain float, in ONNX also the arithmetic. A
 weight W[r, c] becomes scale[r] * q[r, c] with an integer q in -127 .. 127 and scale[r] = max_c |W[r, c]| / 127. With

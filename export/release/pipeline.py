@@ -276,7 +276,7 @@ def write_release(
     lowered, program, about = gated.lowered, gated.lowered.effective, trained.description
     positions = about.layout.positions[about.layout.indices(program.sensors)]
     # A prior that was trained for the design speed only, and a model without a prior, have no range of speeds. The
-    # settings of a model without a prior may state a range if its training read one file of settings with `refine`.
+    # settings of a model without a prior may state a range if `train` and `refine` share a file of settings.
     refined = {} if program.prior is None else trained.config_tree.get("refine", {})
     slowest, fastest = refined.get("slowest", 1.0), refined.get("fastest", 1.0)
     training = {"metrics": about.metrics, "versions": about.versions, "config": trained.config_tree}

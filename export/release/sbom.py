@@ -110,12 +110,12 @@ def _release(bundle: Bundle) -> Component:
 
 
 def bill_beside(of: Path) -> Path:
-    """Return the path of the bill of the file or folder `of`."""
+    """Return the path of the bill of materials for the file or folder `of`."""
     return of.with_name(f"{of.name}.cdx.json")
 
 
 def write_bom(of: Path, content: bytes) -> Path:
-    """Write a bill next to the file or folder `of`. Raises StillwakeError if the bill cannot be written."""
+    """Write a bill of materials next to the file or folder `of`. Raises StillwakeError if it cannot be written."""
     path = bill_beside(of)
     with replacing(path) as temporary:
         temporary.write_bytes(content)
