@@ -50,7 +50,7 @@ SecurityVersion = Annotated[
     typer.Option(help="ECUs that have confirmed a greater version refuse the bundle.", min=FIRST_SECURITY_VERSION),
 ]
 Speeds = Annotated[
-    str | None, typer.Option(metavar="SLOWEST:FASTEST", help="Smaller range of the speed / design speed, e.g. 0.7:1.3.")
+    str | None, typer.Option(metavar="SLOWEST:FASTEST", help="Smaller range of speed / design speed: 0.7:1.3.")
 ]
 BillOfMaterials = Annotated[
     Path | None, typer.Option(help="Write the bill of materials, CycloneDX 1.6.", metavar="FILE")

@@ -61,7 +61,7 @@ ecu = typer.Typer(cls=_RunsByDefault, help="Run the ECU on a real CAN bus; set u
 
 Board = Annotated[
     Path | None,
-    typer.Option("--mcu", help="Flash of an emulated microcontroller; created if it is missing.", metavar="FILE"),
+    typer.Option("--mcu", help="File of an emulated microcontroller's flash; created if missing.", metavar="FILE"),
 ]
 Spin = Annotated[float, typer.Option(help="Time of busy waiting before a deadline, microseconds.", min=0.0, max=5000.0)]
 
@@ -142,9 +142,7 @@ def provision(
     folder: Annotated[Path, typer.Argument(help="Folder to make: the ECU's memory.")],
     root: Annotated[Path, shared.ROOT],
     keys: Annotated[Path, typer.Option("--keys", help="Keys that sign releases (`bundle keylist`).", metavar="LIST")],
-    bundle: Annotated[
-        Path | None, typer.Option(help="Release bundle that runs from the start; default: none, to be flashed later.")
-    ] = None,
+    bundle: Annotated[Path | None, typer.Option(help="Release bundle that runs from the start; default: none.")] = None,
     hardware: Annotated[str, typer.Option(help="Name of the hardware, which a bundle may require.")] = "generic",
     serial: Annotated[str | None, typer.Option(help="Serial number of this ECU; default: random.")] = None,
     given: shared.Settings = [],  # noqa: B006

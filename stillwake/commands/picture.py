@@ -50,7 +50,7 @@ def picture(
     duration: Duration = None,
     settle: Annotated[float, typer.Option(help="Simulated time before the picture begins, t_c.", min=0.0)] = 0.0,
     forcing: Forcing = "none",
-    every: Annotated[int, typer.Option(help="Number of control steps between frames.", min=1)] = 1,
+    every: Annotated[int, typer.Option(help="Control steps between frames.", min=1)] = 1,
     width: Annotated[int, typer.Option(help="Width of an animation, in pixels.", min=400, max=4000)] = 800,
     given: shared.Settings = [],  # noqa: B006  (typer reads it, nothing writes it)
 ) -> None:

@@ -34,7 +34,7 @@ def refine(
     dataset: shared.DataSet = None,
     state: shared.State = None,
     threads: shared.Threads = 1,
-    workers: Annotated[int, typer.Option("--workers", min=1, help="Number of processes that share refine.batch.")] = 1,
+    workers: Annotated[int, typer.Option("--workers", min=1, help="Processes that share refine.batch.")] = 1,
     restart: shared.Restart = False,
     overwrite: shared.Overwrite = False,
     json_file: shared.JsonFile = None,

@@ -51,7 +51,7 @@ def report(sources: Sources, outputs: Outputs = []) -> None:  # noqa: B006
         if not outputs:
             raise ConfigError(f"to compare {len(runs)} runs, name the page to write: --output FILE.html")
         if [one.suffix.lower() for one in outputs] != [".html"]:
-            raise ConfigError(f"--output {outputs[-1]}: must be one file ending in .html; other formats need one run")
+            raise ConfigError(f"--output {outputs[-1]}: must be one .html file; other formats are for a single run")
         claim(outputs[0])
         console.print(f"wrote {write_comparison(runs, outputs[0])}")
         return

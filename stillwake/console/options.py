@@ -132,7 +132,7 @@ def cores() -> int:
 
 
 def positive(option: str, value: float) -> float:
-    """Return the number. Raises ConfigError, with the option's name, if the number is not in (0, 1e7]."""
+    """Return an option's number; raises ConfigError, with the option's name, if it is not in (0, 1e7]."""
     if not (isfinite(value) and 0.0 < value <= _LONGEST_S):
         raise ConfigError(f"{option} {value:g}: must be a number above 0, up to {_LONGEST_S:g}")
     return value

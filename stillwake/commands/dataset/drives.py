@@ -167,7 +167,7 @@ class DriveReader:
     def _sources(
         self, path: Path, name: str, role: "Role", forces: "ForcesTable", series: "LogSeries", period: float
     ) -> "list[EpisodeSource]":
-        """Return a source for each piece of the log, with the forces at the times of its rows."""
+        """Return an episode's source for each piece of the log, with the forces at the times of its rows."""
         from contract.recording.importing.assemble import EpisodeSource
         from contract.recording.importing.source_file import Contents
         from contract.recording.importing.stored import INITIAL_ACTION

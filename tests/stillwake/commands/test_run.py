@@ -118,8 +118,8 @@ def test_what_cannot_be_reported_is_refused(all_refused, tmp_path):
     (tmp_path / "a").mkdir()
     rows = {
         "a b": "to compare 2 runs, name the page to write: --output FILE.html",
-        "a b --output x.pdf": "--output x.pdf: must be one file ending in .html",
-        "a b --output x.html --output x.csv": "--output x.csv: must be one file ending in .html",
+        "a b --output x.pdf": "--output x.pdf: must be one .html file",
+        "a b --output x.html --output x.csv": "--output x.csv: must be one .html file",
         "a b --output x.html": "a/series.npz: not the series of a run",
         "a a/../a --output x.html": "given twice",
         "a b c d e f g --output x.html": "7 runs: between 2 and 6 can be compared on a page",
