@@ -1,1 +1,1 @@
-"""The export of a trained model: controller program, NumPy reference, ONNX and C99 (float32, int8), gates, releases."""
+"""The export of a trained model: reference in NumPy, ONNX graph and C99 library (float32, int8), checks, releases."""

@@ -1,13 +1,13 @@
-"""The checks that a lowering must pass before anything is written.
+"""The checks (gates) that a lowering, an ONNX graph or a C library, must pass before anything is written.
 
-The gate between reference and lowering computes the same control steps with both, and tolerances limit the
-differences. float32 has about 7 digits, and a roll-out of 25 steps with layer norms raises rounding errors to about
-1e-6 in a force of order 1. Adam moves an action by about lr per iteration for any size of the gradient, so most actions
-agree to 1e-7. But if a gradient component is near Adam's epsilon, or a kink of |Cl| or max Cd lies between the two
-rounded values, the moves differ by a part of lr.
+The first gate computes the same control steps with the reference and with the lowering, and limits the differences.
+float32 has about 7 digits, and a roll-out of 25 steps with layer norms raises rounding errors to about 1e-6 in a force
+of order 1. Adam moves an action by about the learning rate per iteration, whatever the gradient's size, so most actions
+agree to 1e-7. But if a component of the gradient is near Adam's epsilon, or the two results lie on different sides of a
+kink of |Cl| or max Cd, the moves differ by a part of the learning rate.
 
-The gate of int8 weights limits the difference in actions, and the resulting difference in cost. The float program and
-the lowering start from equal windows and previous plans. The float program's model computes the cost of both plans.
+The second gate limits the differences that int8 weights cause in actions and in cost. The program with float weights
+and the lowering get equal windows and previous plans. The float program's model computes the cost of both plans.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -25,30 +25,30 @@ from export.reference.model import encode
 from export.reference.mpc import control_step, evaluate, starting_plan
 
 SPEEDS: Final = (1.0, 0.6, 1.4)
-"""Speeds of the vehicle, as ratios to the design speed; the cases use them in turn if the program depends on the
-speed."""
+"""Speeds of the vehicle, as ratios to the design speed. The test cases use these speeds in turn if the program depends
+on the speed."""
 LIMITS: Final = (1.0, 0.8, 0.3, 1.2, 0.55)
-"""Bounds on the action's magnitude |a|, as fractions of the controller's bound; the cases use them in turn."""
+"""Bounds on the action's magnitude |a|, as fractions of the controller's bound; used in turn in the test cases."""
 BEYOND: Final = 100.0
-"""Factor on the weights of effort and lift in every fourth case. With this factor the goal is outside the prior's
+"""Factor on the weights of effort and lift in every fourth test case. With this factor the goal is outside the prior's
 training range."""
 MOVE: Final = 5e-3
 """Largest allowed difference of an action, as a fraction of Adam's largest move (iterations * learning rate). With the
-paper's settings the largest difference is 2.5e-5 U_inf W."""
+paper's settings, this difference is 2.5e-5 U_inf W."""
 FORCE: Final = 1e-4
-"""Largest allowed difference of a predicted Cd or Cl; if forces above 1 are predicted, relative to the largest."""
+"""Largest allowed difference of a predicted Cd or Cl, relative to the largest predicted force if this exceeds 1."""
 COST: Final = 1e-4
-"""Largest allowed difference of a cost term or of the cost J; above 1, relative to the largest term."""
+"""Largest allowed difference of a cost term or of the cost J, relative to the largest term or to J if it exceeds 1."""
 
 
 QUANTISATION_LIMITS: Final[Mapping[str, float]] = {"rms_action_error": 1e-3, "max_cost_gap": 1e-3}
-"""Largest permitted figures of int8 weights. The rms error of the commanded action a_t, in U_inf W, may be a fifth of
-the largest move in a control step. This move is iterations * learning rate, 5e-3 with the paper's settings. A single
-error has no limit: if a gradient is close to zero, Adam may move an action in opposite directions in the two programs,
-but the cost hardly changes. The cost gap, an increase of the cost J, is in units of Cd."""
+"""Limits for two results of `compare_answers` with int8 weights. The rms error of the commanded action a_t, in U_inf W,
+may be a fifth of the largest move in a control step, which is iterations * learning rate: 5e-3 with the paper's
+settings. The error of a single action has no limit: if a gradient is close to zero, Adam may move an action in opposite
+directions in the two programs, but the cost hardly changes. The cost gap, an increase of J, is in Cd."""
 
 Figures = dict[str, float]
-"""The figures of a gate by name. "cases" is the number of control steps."""
+"""The results of a gate by name. "cases" is the number of control steps."""
 
 
 class ControlCase(NamedTuple):
@@ -96,10 +96,10 @@ def case_speed(program: ControllerProgram, number: int) -> float:
 
 
 def check_lowering(program: ControllerProgram, lowering: Controller, name: str, windows: Sequence[Array]) -> Figures:
-    """Compare a lowering with the reference. Returns three largest differences: between actions in U_inf W, between
-    forces, and between costs or terms. Raises ExportError if a difference exceeds its tolerance or is NaN. `program` is
-    the program that the lowering should compute; for an int8 lowering, `program` has the dequantised weights. `windows`
-    are recorded windows (L, S+1) of L rows and S sensors, one per case."""
+    """Compare a lowering with the reference. Returns the number of cases and the largest differences of actions in
+    U_inf W, of forces, and of costs or terms. Raises ExportError if a difference exceeds its tolerance or is NaN.
+    `program` is the program that the lowering should compute; for an int8 lowering, `program` has the dequantised
+    weights. `windows` are recorded windows (L, S+1) of L rows and S sensors, one per case."""
     differences = []
     for case in control_cases(program, windows):
         expected = control_step(program, *case)
@@ -148,8 +148,8 @@ def exact_answers(program: ControllerProgram, windows: Iterable[Array]) -> list[
 def compare_answers(
     program: ControllerProgram, answer: Answer, windows: Sequence[Array], exact_steps: Sequence[ControlStep]
 ) -> Figures:
-    """Compute the control steps of `exact_answers` with a lowering, and compare them with the exact steps. In each
-    step, both programs start from the float program's previous plan. Raises ExportError if there are no windows.
+    """Repeat the control steps of `exact_answers` with a lowering's function, and return figures of the differences. In
+    each step, both programs start from the float program's previous plan. Raises ExportError if there are no windows.
 
     Errors of the commanded action a_t and of all actions of a plan are in U_inf W. The cost gap is J(quantised plan) -
     J(float plan); the float program computes both. The gap is positive if the quantised plan is worse.
@@ -180,8 +180,8 @@ def compare_answers(
 
 
 def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float, float | None]:
-    """Return weights, speed and limit for the window with this number. None stands for the program's weights or limit.
-    If the program has a prior, every second window gets weights and a limit in the middle of the prior's range."""
+    """Return cost weights, speed and limit for the window with this number; None stands for the program's own value. If
+    the program has a prior, every second window gets weights and a limit in the middle of the prior's range."""
     speed, own = case_speed(program, number), program.mpc.weights
     if program.prior is None or number % 2 == 0:
         return None, speed, None

@@ -1,16 +1,16 @@
 """The rounding of weights to integers. Weights are rounded once, so that all int8 lowerings have equal integers. The
-reference uses the program with dequantised weights. The manifest and the C header have the hash of this program.
+reference uses the program with dequantised weights. The manifest and the C header state the hash of this program.
 
-Weights are symmetric int8 with one scale per output row; biases, norms and arithmetic remain float. W[r, c] ~ scale[r]
-q[r, c] with q in -127 .. 127 and scale[r] = max_c |W[r, c]| / 127, so that the error of a weight is at most scale / 2.
-With int8 the file is a quarter as large; on x86 the control step is not faster. The sensor estimator's matrices are
-rounded to nearest in the same way.
+Weights are symmetric int8 with one scale per output row; biases and norms remain float, in ONNX also the arithmetic. A
+weight W[r, c] becomes scale[r] * q[r, c] with an integer q in -127 .. 127 and scale[r] = max_c |W[r, c]| / 127. With
+int8 the ONNX file is a quarter as large; on x86 the control step is not faster. The sensor estimator's weights are
+rounded to the nearest integers, with the same scales.
 
-A program is rounded with error feedback (`quantise_on`), for inputs of every layer that come from recorded windows. The
-encoder runs over the windows. Dynamics and decoder run over roll-outs from every window's latent state with a few
-plans: zero, full amplitude in either direction, random plans, and random walks that resemble an optimised plan. The
-integer scales of an int8 lowering's activations follow from the largest magnitudes in these inputs. Biases are not
-corrected by the mean of the remaining error, because after error feedback such a correction would gain nothing.
+A program is rounded with error feedback (`quantise_on`), which needs inputs of every layer. They are computed from
+recorded windows: the encoder runs over the windows. Dynamics and decoder run over roll-outs from every window's latent
+state with a few plans: zero, full amplitude in either direction, random plans, and random walks that resemble an
+optimised plan. The integer scales of an int8 lowering's activations follow from the largest magnitudes in these inputs.
+Biases are not corrected by the mean of the remaining error: after error feedback, this would gain nothing.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -33,8 +33,8 @@ from export.reference.prior import filtered_sums, past_of
 QMAX: Final = 127
 """Largest magnitude of a quantised weight. The integer -128 is not used, so that a row can be negated exactly."""
 DAMPING: Final = 0.01
-"""Share of the mean diagonal entry of H (`quantise_on`) that is added to H's diagonal. So errors also count in
-directions in which the inputs do not vary."""
+"""Share of the mean diagonal entry of H (see `quantise_on`) that is added to every diagonal entry of H, so that errors
+also count in directions in which the inputs do not vary."""
 _RANDOM: Final = 2
 _WANDERING: Final = 2
 _STRIDE: Final = 0.25
@@ -49,7 +49,7 @@ class Int8Matrix:
     scales: npt.NDArray[np.float32]
 
     def dequantised(self) -> npt.NDArray[np.float32]:
-        """Return the weights scale[r] q[r, c], rounded to float32 as ONNX's DequantizeLinear does."""
+        """Return the weights scale[r] * q[r, c], rounded to float32 as ONNX's DequantizeLinear does."""
         return self.values.astype(np.float32) * self.scales[:, None]
 
 
@@ -87,8 +87,8 @@ class RoundedProgram:
             as_float32(weight, name)  # raises ExportError if float32 cannot hold a weight; the scales are float32
             rounded = rounding(name, weight)
             dequantised = rounded.dequantised().astype(np.float64)
-            # A lowering's scale is the largest float32 weight of a row divided by 127. In one of 128 rows, this scale
-            # differs by one float32 ulp from the scale that was used for the rounding.
+            # The stored scale is a row's largest dequantised weight divided by 127. In one of 128 rows, it differs by
+            # one float32 ulp from the scale with which the row was rounded.
             stored[name] = Int8Matrix(values=rounded.values, scales=row_scales(dequantised))
             return dequantised
 
@@ -97,7 +97,7 @@ class RoundedProgram:
 
 
 Program = ControllerProgram | RoundedProgram
-"""A program that can be lowered; its type determines the precision of the weights."""
+"""A program for ONNX or C; its type determines the precision of the weights."""
 
 
 def effective(program: Program) -> ControllerProgram:
@@ -106,7 +106,7 @@ def effective(program: Program) -> ControllerProgram:
 
 
 def precision_of(program: Program) -> WeightPrecision:
-    """Return the name of the precision in manifests and headers."""
+    """Return the precision of the weights, by its name in manifests and headers."""
     return "int8" if isinstance(program, RoundedProgram) else "float32"
 
 
@@ -134,10 +134,10 @@ def rounded_estimator(network: EstimatorNetwork) -> RoundedEstimator:
 def quantise_on(weight: Array, inputs: Array) -> Int8Matrix:
     """Round a matrix (outputs, m) to an Int8Matrix, so that its products with n inputs (n, m) change little.
 
-    Nearest rounding minimises the error of each weight alone. But the error that counts is |(W - W_q) X|^2, and inputs
-    are correlated: later columns can compensate the effect of one column's rounding on an output. Let H = X^T X / n +
-    damping, with the upper Cholesky factor U of H^-1 = U^T U. If rounding changes column j by e, each later column k
-    changes by -e U_jk / U_jj, the best compensation (optimal brain surgeon; Frantar et al., "GPTQ", ICLR 2023).
+    Nearest rounding minimises the error of each weight alone. But the error that counts is |X (W - W_q)^T|^2, and the
+    inputs X are correlated: later columns can compensate one column's effect on an output. Let H = X^T X / n + damping,
+    with the upper Cholesky factor U of H^-1 = U^T U. If rounding changes column j by e, each later column k changes by
+    -e U_jk / U_jj, the best compensation (optimal brain surgeon; Frantar et al., "GPTQ", ICLR 2023).
 
     The scales are as in `quantise_matrix`. The largest weight of a row determines the row's scale and is rounded to the
     nearest integer. So rounding the result a second time changes no integer.

@@ -1,4 +1,4 @@
-"""The controller program, which is all the data that a lowering needs, and recorded or random windows for the program.
+"""The controller program, all the data for a lowering (an ONNX graph or a C library), and windows to test a lowering.
 
 Rounding and lowerings refer to the weight matrices by the names of their tensors, such as `lstm.weight_input`,
 `dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. The prior is small, so only its two matrices for filtered
@@ -165,8 +165,8 @@ def program_sha256(program: ControllerProgram) -> str:
 
 
 def _as_trained(prior: PriorWeights) -> dict[str, Array]:
-    """Return the scheduled weights of a prior. Two speed variables with equal weights become one variable. So a model
-    that was trained with one speed variable keeps its hash, and its bundles stay valid."""
+    """Return the prior's weights for the schedule variables, as they enter the hash. Equal weights for the speeds below
+    and above the design speed enter once. So a model that was trained with one speed variable keeps its hash."""
     first, gate, (below, above) = prior.first, prior.gate, SPEED_PLACES
     if np.array_equal(first[below], first[above]) and np.array_equal(gate[:, below], gate[:, above]):
         first, gate = np.delete(first, above, axis=0), np.delete(gate, above, axis=1)

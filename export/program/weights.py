@@ -191,10 +191,10 @@ class PriorWeights:
 
     @classmethod
     def from_state(cls, state: StateDict) -> "PriorWeights":
-        """Read a state dict. `of_two_speeds` converts a model with one variable for the speed. In a model of version
-        1.0.0, the plan may depend on the speed, but not on the goal. Such a model has "first" and "slope", both (n, F,
-        p + 1); "slope" is the change of "first" if the speed rises by the design speed. Or such a model has "hidden",
-        (n, M, p + 1), in place of filters, first and slope."""
+        """Read a state dict, also of an older model. If a model has one speed variable, `of_two_speeds` uses its
+        weights for both speed variables. In a model of version 1.0.0, the plan does not depend on the goal, and the
+        tensors are "first" and "slope", both (n, F, p + 1), where "slope" is the change of "first" if the speed rises
+        by the design speed; or "hidden", (n, M, p + 1), replaces filters, first and slope."""
         tensors, is_dense = _Tensors("prior", state), "hidden" in state
         if is_dense or "slope" in state:
             name = "hidden" if is_dense else "first"
@@ -287,7 +287,7 @@ class _Tensors:
 
     def refuse_leftovers(self) -> None:
         if self._left:
-            raise ExportError(f"{self._network}.{min(self._left)}: unknown tensor, which this version cannot lower")
+            raise ExportError(f"{self._network}.{min(self._left)}: unknown tensor, which this version cannot export")
 
     def _find(self, name: str) -> npt.NDArray[Any]:
         if name not in self._state:

@@ -28,19 +28,19 @@ def elu(x: Array) -> Array:
 
 
 def elu_adjoint(x: Array, dy: Array) -> Array:
-    """Return dx = dy for x > 0, exp(x) dy otherwise."""
+    """Return dx = dy for x > 0, exp(x) * dy otherwise."""
     return np.asarray(dy * np.exp(np.minimum(x, 0.0)))
 
 
 def layer_norm(norm: Norm, x: Array) -> Array:
-    """Compute y = g xhat + b with xhat = (x - mean x) / sqrt(var x + 1e-5), where var x is the sum of squares divided
-    by n (not n - 1)."""
+    """Compute y = g * xhat + b with xhat = (x - mean(x)) / sqrt(var(x) + 1e-5), where var(x) is the sum of squares
+    divided by n (not n - 1)."""
     normalised, _ = _normalise(x)
     return normalised * norm.weight + norm.bias
 
 
 def layer_norm_adjoint(norm: Norm, x: Array, dy: Array) -> Array:
-    """Compute dx = r (v - mean v - xhat mean(v xhat)) with v = g dy and r = 1 / sqrt(var x + 1e-5)."""
+    """Compute dx = r * (v - mean(v) - xhat * mean(v * xhat)) with v = g * dy and r = 1 / sqrt(var(x) + 1e-5)."""
     normalised, inverse_std = _normalise(x)
     v = dy * norm.weight
     along = (v * normalised).mean(axis=-1, keepdims=True)
@@ -94,7 +94,7 @@ class NormedLayer(NamedTuple):
 def encode(program: ControllerProgram, window: Array) -> Array:
     """Compute the latent state z_t = f_enc(S_t), (..., n_z), of the window S_t (..., L, S+1), oldest row first; row k
     is (Cp_k, a_{k-1}), unscaled. The encoder reads the newest `encoder_rows` rows. With x_k the scaled row k of the
-    window, an LSTM runs over the L rows from h = c = 0: c = sigmoid(f) c + sigmoid(i) tanh(g) and h = sigmoid(o)
+    window, an LSTM runs over the L rows from h = c = 0: c = sigmoid(f) * c + sigmoid(i) * tanh(g) and h = sigmoid(o) *
     tanh(c), where (i, f, g, o) = W x_k + U h + b. Then z = W_2 ELU(W_1 LayerNorm(h) + b_1) + b_2."""
     return linear(program.encoder.output, encoder_layers(program, window).latent)
 

@@ -1,4 +1,4 @@
-"""The preparation of a sensor estimator for a bundle: the fitted network is rounded and lowered to ONNX, and the
+"""The preparation of a sensor estimator for a bundle: the fitted network is rounded and converted to ONNX, and its
 residuals are measured."""
 
 from collections.abc import Mapping, Sequence

@@ -1,5 +1,5 @@
-"""The gates for a program's lowerings: the ONNX graph and, on request, the C library with equal weights. Lowerings are
-built in memory. Only lowerings that have passed every gate are written to files."""
+"""The gates (checks) for a program's lowerings, the ONNX graph and, on request, the C library. Lowerings are built in
+memory. Only lowerings that have passed every gate are written to files."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -35,7 +35,7 @@ class Lowered:
 
     @property
     def effective(self) -> ControllerProgram:
-        """The program that the lowerings compute; in the gates, the reference computes this program too."""
+        """The program that the lowerings compute, with dequantised weights if the weights are int8."""
         return effective(self.program)
 
     @property
@@ -49,8 +49,8 @@ class Lowered:
 
 
 def lower(program: Program, *, calibration: Sequence[Array], with_library: bool) -> Lowered:
-    """Lower a program. Raises ExportError if the program cannot be lowered. `calibration` has the recorded windows (L,
-    S+1) with which the program was rounded. They give the activation ranges of an int8 library."""
+    """Convert a program to ONNX and, on request, to C. Raises ExportError if this is impossible. `calibration` has the
+    recorded windows (L, S+1) that gave the program's rounding; they also give an int8 library's activation ranges."""
     graph = build_controller(program).SerializeToString()
     return Lowered(program=program, graph=graph, library=c_library(program, calibration) if with_library else None)
 
@@ -71,8 +71,8 @@ class LibraryReport:
     """The results of the C library in its gates.
 
     Attributes:
-        parity: differences between float32 and the reference; None for int8.
-        quantisation: differences between int8 with integer products and the float reference; None for float32.
+        parity: differences between a float32 library and the reference; None for int8.
+        quantisation: differences between an int8 library and the reference with float weights; None for float32.
         workspace_bytes: size of the scratch memory that the caller provides, in bytes.
         replayed: (n, 4) expected answers of the example program to n windows: action, mean Cd and Cl, cost.
         known_answer: action and cost that a build must compute in its self-test when it starts.

@@ -54,7 +54,7 @@ def check_model(content: bytes) -> int:
             raise ValueError(f"operator {node.op_type!r} of domain {node.domain!r}: no controller uses this operator")
         for name in node.input[1:] if node.op_type in SHAPING else ():
             if name and name not in constants:
-                raise ValueError(f"{node.op_type} takes {name!r}, which is computed: must be a constant")
+                raise ValueError(f"input {name!r} of {node.op_type} is computed, but must be a constant")
     return len(nodes)
 
 

@@ -123,7 +123,7 @@ def export_all(
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> tuple[Gated, Bundle]:
-    """Export a model as a bundle, read the bundle as users do, and write the C library if requested. Nothing is written
+    """Export a model as a bundle, load the written bundle, and write the C library if requested. Nothing is written
     until both the bundle's graph and the library have passed their gates.
 
     Args:
@@ -176,16 +176,16 @@ def export_library(
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
     """Write the C library of an existing release. The library is computed from the release's model and settings, and
-    from the recording to which the model was fitted. Raises ExportError if the release has another model, or rounding
-    gives other integers; StillwakeError as `export_all` does."""
+    from the recording to which the model was fitted. Raises ExportError if `model` is not the release's model, or
+    rounding gives other integers than in the release; StillwakeError as `export_all` does."""
     c_folder_format.check_replaceable(library.folder)
     manifest = release.manifest
     phase("read")
     trained = model_folder.read(model)
     if trained.weights_sha256 != manifest.weights_sha256:
         raise ExportError(
-            f"bundle {manifest.name} is of the model {manifest.weights_sha256[:12]}, but {model} is "
-            f"{trained.weights_sha256[:12]}: name the model of the release"
+            f"bundle {manifest.name} was made from the model {manifest.weights_sha256[:12]}, but {model} is "
+            f"{trained.weights_sha256[:12]}: give the model of the bundle"
         )
     about = trained.description
     episodes = _recording_of(recording, about.dataset_sha256, about.layout, False, lambda line: None)
@@ -194,7 +194,7 @@ def export_library(
     if lowered.program_sha256 != manifest.program_sha256:
         raise ExportError(
             f"bundle {manifest.name} has the program {manifest.program_sha256[:12]}, but its model gives "
-            f"{lowered.program_sha256[:12]} here: export the model again, with a bundle"
+            f"{lowered.program_sha256[:12]} here: export the model to a new bundle"
         )
     gated = gate(lowered, windows, compiled=library.compiled)
     phase("write")
@@ -205,7 +205,7 @@ def export_library(
 def _lowered(
     program: ControllerProgram, episodes: Dataset, precision: str, *, with_library: bool, phase: Callable[[str], None]
 ) -> tuple[Lowered, list[Array]]:
-    """Round and lower the program; return the lowerings and the windows for their gates."""
+    """Round the program's weights and convert it; return the graph and the library, and the windows for their gates."""
     windows = gate_windows(program, episodes.with_role("test"), episodes.layout)
     calibration: list[Array] = []
     if precision == "int8":
@@ -237,8 +237,8 @@ def check_settings(own: Config, config: Config) -> None:
 def _recording_of(
     path: Path, of_model: str, layout: SensorLayout, named: bool, notice: Callable[[str], None]
 ) -> Dataset:
-    """Read the recording for gates and calibration: the model's own recording, whose SHA-256 is `of_model`, or a
-    recording of the model's sensors that the user named."""
+    """Read the recording for gates and calibration: the recording to which the model was fitted (SHA-256 `of_model`)
+    or, if the user named it, another recording with the model's sensors."""
     recording = dataset.read(path)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     if digest != of_model:
@@ -276,7 +276,7 @@ def write_release(
     lowered, program, about = gated.lowered, gated.lowered.effective, trained.description
     positions = about.layout.positions[about.layout.indices(program.sensors)]
     # A prior that was trained for the design speed only, and a model without a prior, have no range of speeds. The
-    # settings of a model without a prior may state a range if its training read one file of settings with `refine`.
+    # settings of a model without a prior may state a range if `train` and `refine` share a file of settings.
     refined = {} if program.prior is None else trained.config_tree.get("refine", {})
     slowest, fastest = refined.get("slowest", 1.0), refined.get("fastest", 1.0)
     training = {"metrics": about.metrics, "versions": about.versions, "config": trained.config_tree}

@@ -39,7 +39,7 @@ OURS: Final = "MIT"
 def release_bom(bundle: Bundle, contents: Mapping[str, bytes]) -> bytes:
     """Return the bill of a verified release: its files, its controller's training data, and the software used.
     `contents` are all files of the release by name; `Bundle.files` lacks manifest and signature. Raises BundleError if
-    the versions in the provenance are no texts."""
+    a version in the provenance is not a text."""
     manifest, licence, release = bundle.manifest, _licence(bundle), _release(bundle)
     learned, file = ComponentType.MACHINE_LEARNING_MODEL, ComponentType.FILE
     hashes = {name: sha256(data) for name, data in sorted(contents.items())}
@@ -74,8 +74,8 @@ def folder_bom(contents: Mapping[str, bytes], bundle: Bundle) -> bytes:
 
 
 def wheel_bom(wheel: Path, day: str) -> bytes:
-    """Return the bill of a wheel; `day` is YYYY-MM-DD. The bill has the wheel and the required packages, in the
-    versions installed on this machine. Packages of extras are marked as optional."""
+    """Return the bill of a wheel; `day` is YYYY-MM-DD. The bill has the wheel and the packages that it needs, in the
+    versions installed on this machine. Packages that only extras need are marked as optional."""
     digest = sha256(wheel.read_bytes())
     with zipfile.ZipFile(wheel) as archive:
         name = next(item for item in archive.namelist() if item.endswith(".dist-info/METADATA"))
@@ -110,12 +110,12 @@ def _release(bundle: Bundle) -> Component:
 
 
 def bill_beside(of: Path) -> Path:
-    """Return the path of the bill of the file or folder `of`."""
+    """Return the path of the bill of materials for the file or folder `of`."""
     return of.with_name(f"{of.name}.cdx.json")
 
 
 def write_bom(of: Path, content: bytes) -> Path:
-    """Write a bill next to the file or folder `of`. Raises StillwakeError if the bill cannot be written."""
+    """Write a bill of materials next to the file or folder `of`. Raises StillwakeError if it cannot be written."""
     path = bill_beside(of)
     with replacing(path) as temporary:
         temporary.write_bytes(content)

@@ -22,7 +22,7 @@ PACK: Final = "stillwake.flow_controller.pdsc"
 _ABOUT: Final = "Learned controller of jets that cut the drag of a truck's wake: a control step, and the ECU around it"
 _HOME: Final = "https://pypi.org/project/stillwake"
 _APART: Final = ("board", "examples")
-"""Folders with programs, which are no part of the library."""
+"""Folders with programs that are not part of the library."""
 _CLASS: Final = "Flow control"
 _FLAGS: Final = ("-O2", "-ffp-contract=off")
 """Compiler flags with which C computes the same plans as the exporter, and the same decisions as the Python ECU, bit

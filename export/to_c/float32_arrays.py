@@ -21,7 +21,7 @@ from export.reference.mpc import ADAM_BETAS
 
 Integers = npt.NDArray[np.int32]
 ArrayValues = Array | npt.NDArray[np.int8] | Integers | npt.NDArray[np.uint32]
-"""Types of the numbers of an array in C. An array of float64 in Python becomes an array of float in C."""
+"""An array of numbers for C, which has the same integer type; float64 becomes float."""
 
 FLOAT32_LANES = 16
 """Number of float32 values in the widest vector register that compilers should be able to fill."""
@@ -49,8 +49,7 @@ def padded(values: Array) -> Array:
 
 
 def centred(values: Array) -> Array:
-    """Return C W or C b with C = I - 1 1^T / n, where 1 is a vector of n ones. The mean over the first axis, the n
-    outputs, becomes zero."""
+    """Subtract the mean over the first axis (the n outputs of a layer) from a weight matrix or a bias vector."""
     return np.asarray(values - values.mean(axis=0))
 
 
@@ -173,7 +172,7 @@ def _stored(matrix: Array, integers: Int8Matrix | None) -> tuple[Array | npt.NDA
 
 
 def _filled(by_unit: Any) -> Any:
-    """Append units of zeros, up to a multiple of `PRIOR_UNITS_AT_A_TIME` units."""
+    """Append zeros for missing units, up to a multiple of `PRIOR_UNITS_AT_A_TIME` units."""
     return np.pad(by_unit, [(0, -len(by_unit) % PRIOR_UNITS_AT_A_TIME)] + [(0, 0)] * (by_unit.ndim - 1))
 
 

@@ -1,8 +1,8 @@
 """A program's parameters in the layout of the int8 C sources (`export/to_c/sources/int8/sw_weights.h`).
 
-Integers and scales are from the rounded program, as in the int8 ONNX graph. Biases are not rounded. With int8 matrices
-and int16 activations, a sum of n products is at most 127 qmax(n) n, which is below 2^31. `c_constants` writes this
-module's constants into `sw_settings.h`.
+Integers and scales are from the rounded program, as in the int8 ONNX graph. Biases are not rounded to int8. With int8
+matrices and int16 activations, a sum of n products is at most 127 * qmax(n) * n, which is below 2^31. `c_constants`
+writes this module's constants into `sw_settings.h`.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,8 +21,8 @@ _WORD: Final = 4
 """Number of int8 weights in a 32-bit word. A tile of a packed matrix has this number of rows, each of one word."""
 
 INT8_LANES: Final = 2 * _WORD
-"""Number of weights in two words. Every length is padded to a multiple of this number. The constants of outputs are
-stored in groups of this number of outputs."""
+"""Number of weights in two words. Every length is padded to a multiple of this number. The constants of a layer are
+stored for this number of outputs at a time."""
 
 ACTIVATION_MARGIN: Final = 1.5
 """An activation's integer saturates at this multiple of the largest activation in the calibration."""
@@ -33,19 +33,19 @@ AHEAD: Final = 16
 INT16_QMAX: Final = 32767
 
 SUM_QMAX: Final = (2**31 - 1) // 127
-"""Largest sum of a vector's magnitudes for which the product with int8 weights cannot overflow 32 bits."""
+"""Largest sum of a vector's magnitudes for which a dot product with int8 weights cannot overflow 32 bits."""
 
 FULL_RANGE_WIDTH: Final = SUM_QMAX // INT16_QMAX
-"""Largest length of a vector of 16-bit numbers whose product with int8 weights cannot overflow 32 bits."""
+"""Largest length of a vector of 16-bit numbers whose dot product with int8 weights cannot overflow 32 bits."""
 
 XHAT_QMAX: Final = 32767
-"""The integer of the largest possible normalised value, which is sqrt(n) in a layer of width n."""
+"""The integer for the largest possible normalised value, which is sqrt(n) in a layer of width n."""
 
 POINTS_PER_UNIT: Final = 32
 """Number of table points per unit of the argument; between points the function is interpolated linearly."""
 
 ELU_ONE: Final = 4096
-"""The integer of an ELU output of 1. All layers have the same integer, so they share one table. Outputs up to
+"""The integer for an ELU output of 1. All layers use the same integer, so they share one table. Outputs up to
 `ELU_RANGE` fit into 16 bits."""
 
 ELU_RANGE: Final = 8
@@ -54,7 +54,7 @@ ELU_MAX: Final = 6.4
 """Largest output of an ELU that is accepted in the calibration; the rest of `ELU_RANGE` is a margin."""
 
 ELU_ARGUMENT_ONE: Final = 1 << 18
-"""The integer of an argument of 1 in the table of ELU."""
+"""The integer for an argument of 1 in the table of ELU."""
 
 ELU_ARGUMENT_MAX: Final = 4000.0
 """Largest argument of an ELU whose integer, in units of 1 / `ELU_ARGUMENT_ONE`, fits in an int32 with one bit in
@@ -62,24 +62,24 @@ reserve."""
 
 SLOPE_SHIFT: Final = 4
 """Number of bits by which the integers of ELU slopes are shifted right, so that they can be stored as bytes on the
-tape. The integer of a slope of 1 is `ELU_ONE` before the shift and 256 after it."""
+tape. The integer for a slope of 1 is `ELU_ONE` before the shift and 256 after it."""
 
 GAIN_ONE: Final = 1 << 22
-"""The integer of a layer's largest gain, as used in the layer's adjoint. The product of this integer and a slope of 256
-is a quarter of the range of an int32."""
+"""The integer for a layer's largest gain in the layer's adjoint. The product of this integer and a slope of 256 is a
+quarter of the range of an int32."""
 
 ROW_SCALE_ONE: Final = 1 << 23
-"""The integer of the largest row scale of a layer's matrix, as used in the layer's adjoint."""
+"""The integer for the largest row scale of a layer's matrix in the layer's adjoint."""
 
 SCALED_BITS: Final = 32
 """Number of fractional bits of the factor in C's sw_scaled. The factor is below 1/2; its integer is the factor times
 2^SCALED_BITS."""
 
 LOGISTIC_ONE: Final = 16384
-"""The integer of an argument of 1 in the table of the logistic function."""
+"""The integer for an argument of 1 in the table of the logistic function."""
 
 LOGISTIC_QMAX: Final = 32767
-"""The integer of a value of 1 in the table of the logistic function."""
+"""The integer for a value of 1 in the table of the logistic function."""
 
 LOGISTIC_RANGE: Final = 16
 
@@ -108,11 +108,11 @@ def c_constants() -> dict[str, int | np.float32]:
 
 
 def qmax(width: int) -> int:
-    """Return the largest integer that a vector of this padded width may have if its product with int8 weights must not
-    overflow 32 bits; in C, this integer is SW_QMAX. Raises ExportError if the vector is so wide that too few integers
-    are left."""
+    """Return the largest magnitude of an element in a vector of this padded width for which the dot product with int8
+    weights cannot overflow 32 bits (SW_QMAX in C). Raises ExportError if the vector is so wide that its elements would
+    be resolved too coarsely."""
     if width > 4 * FULL_RANGE_WIDTH:
-        raise ExportError(f"a layer of width {width}: int8 lowering accepts at most {4 * FULL_RANGE_WIDTH}")
+        raise ExportError(f"a layer of width {width}: the int8 library accepts at most {4 * FULL_RANGE_WIDTH}")
     return INT16_QMAX if width <= FULL_RANGE_WIDTH else SUM_QMAX // width
 
 
@@ -197,7 +197,7 @@ def _channels(*columns: Array) -> Array:
 
 def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale: float) -> Mapping[str, ArrayValues]:
     """Return the constants of a layer with norm and ELU: `sw_NAME_channel`, `sw_NAME_adjoint` and `sw_NAME_layer`. In
-    C, a scaled sum is an integer multiple of a unit. The smallest unit is chosen that keeps two limits: the factor of
+    C, a scaled sum is an integer multiple of a unit. This is the smallest unit that satisfies two limits: the factor of
     C's sw_scaled must be below 1/2, and the sum over all outputs must not overflow."""
     _stay_below(ELU_ARGUMENT_MAX, np.abs(norm.weight) * np.sqrt(len(bias)) + np.abs(norm.bias), "ELUs behind a norm")
     scales = matrix.scales.astype(np.float64) / inverse_scale
@@ -272,7 +272,7 @@ def _encoder(rounded: RoundedProgram, ranges: Mapping[str, float]) -> Mapping[st
 
 def _stay_below(limit: float, reach: Array, what: str) -> None:
     if not np.max(reach) < limit:
-        raise ExportError(f"int8 lowering: {what} reach {np.max(reach):.3g}, must stay below {limit:.3g}")
+        raise ExportError(f"int8 library: {what} reach {np.max(reach):.3g}, must stay below {limit:.3g}")
 
 
 def _fed_by_elu(weight: Array) -> None:
@@ -280,7 +280,7 @@ def _fed_by_elu(weight: Array) -> None:
     could overflow."""
     if weight.shape[1] > FULL_RANGE_WIDTH:
         raise ExportError(
-            f"a layer of width {weight.shape[1]} after an ELU: int8 lowering accepts at most {FULL_RANGE_WIDTH}"
+            f"a layer of width {weight.shape[1]} after an ELU: the int8 library accepts at most {FULL_RANGE_WIDTH}"
         )
 
 

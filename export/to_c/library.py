@@ -36,7 +36,7 @@ ALIGNMENTS: Final = {"int8": 16, "float32": 64}
 """Alignment of the arrays in bytes. For int8, 16 suffices for a word of Cortex-M and for a vector register. For
 float32, 64 is a cache line."""
 _TABLES: Final = ("sw_elu_points", "sw_logistic_points")
-"""Tables that are equal for every program. They are compiled into the library and are no part of a release."""
+"""Tables that are equal for every program. They are compiled into the library and are not part of a release."""
 _HOT: Final = ("sw_dyn1_rows", "sw_dyn1_adjoint_rows", "sw_dyn2_rows", "sw_dyn2_adjoint_rows", "sw_dyn3_rows",
                "sw_dyn3_adjoint_rows")  # fmt: skip
 """Names of the arrays in the C struct `sw_hot`."""

@@ -32,7 +32,7 @@ from export.to_onnx.prior import lower_prior, lower_schedule, lower_unknown
 
 
 def build_controller(lowered: Program) -> onnx.ModelProto:
-    """Lower a program to ONNX. A rounded program gives int8 weights, any other program float32 weights; arithmetic is
+    """Convert a program to ONNX. A rounded program gives int8 weights, any other program float32 weights; arithmetic is
     in float32. Raises ExportError for a value that float32 cannot hold."""
     store, program = store_for(lowered), effective(lowered)
     shapes = program.sizes.shapes()
@@ -73,7 +73,7 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
 
 
 def previous_action(graph: Graph, sizes: Sizes, window: str) -> str:
-    """Add the previous action a_{-1}, (1,), from the last column of the window's last row."""
+    """Add nodes that read the previous action a_{-1}, (1,), from the last column of the window's last row."""
     last, column = sizes.window - 1, sizes.sensors
     corner = graph.op(
         "Slice", window, graph.index([last, column]), graph.index([last + 1, column + 1]), graph.index([0, 1])
@@ -82,7 +82,7 @@ def previous_action(graph: Graph, sizes: Sizes, window: str) -> str:
 
 
 def shifted(graph: Graph, plan: str, horizon: int) -> str:
-    """Add the previous plan as a row (1, H), shifted by one step, with its last action repeated."""
+    """Add nodes that shift the previous plan by one step and repeat its last action; the result is a row (1, H)."""
     rest, last = graph.slice(plan, 1, horizon), graph.slice(plan, horizon - 1, horizon)
     return graph.op("Unsqueeze", graph.op("Concat", rest, last, axis=0), graph.index([0]))
 

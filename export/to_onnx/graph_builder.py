@@ -171,14 +171,14 @@ def dequantised(
 
 
 def centred(graph: Graph, weight: str) -> str:
-    """Add C W with C = I - 1 1^T / n for n outputs. The product of C W with an input has mean zero over the outputs. A
-    layer norm gives the same result after W and after C W. The norm's adjoint ends in a product with C, which C W
-    already contains: (W^T C) v = (C W)^T v."""
+    """Add C W with C = I - e e^T / n, where e is a vector of n ones: the mean over the n outputs is subtracted from the
+    matrix W. The product of C W with an input has mean zero over the outputs. A layer norm gives the same result after
+    W and after C W. The norm's adjoint ends in a product with C, which C W already contains: (W^T C) v = (C W)^T v."""
     return graph.op("Sub", weight, graph.op("ReduceMean", weight, graph.index([0]), keepdims=1))
 
 
 def centred_bias(bias: Array) -> Array:
-    """Return the centred bias C b, for use with `centred`."""
+    """Return the bias minus its mean, for a layer with a centred matrix (`centred`)."""
     return np.asarray(bias - bias.mean())
 
 

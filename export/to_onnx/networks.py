@@ -100,7 +100,7 @@ class DynamicsGraph:
         first_bias = graph.constant(centred_bias(weights.input.bias)[None], "dynamics.input.bias")
         self._hidden_bias = graph.constant(centred_bias(weights.hidden.bias)[None], "dynamics.hidden.bias")
         self._output_bias = graph.constant(weights.output.bias[None], "dynamics.output.bias")
-        # Row k of the (H, width) bias is for step k: b_1 plus the first layer's product with k b_3.
+        # Row k of the (H, width) bias is for step k: b_1 plus the first layer's product with k * b_3.
         steps = graph.constant(np.arange(self._horizon)[:, None], "steps")
         per_step = graph.op("MatMul", self._output_bias, self._forward[0])
         self._bias_by_step = graph.op("Add", graph.op("Mul", steps, per_step), first_bias)
@@ -159,7 +159,7 @@ class DynamicsGraph:
 
         zero = graph.constant([[0.0] * self._latent])
         _, d1s = graph.scan(body, states=[zero], sequences=[d_b, b, a], reverse=True)
-        # The gradient dJ/da_k is v w, where v is from the first layer, and w is the action's column of W_1.
+        # The gradient dJ/da_k is the dot product of v, the first layer's adjoint, with the action's column of W_1.
         t = graph.op("Mul", d1s, p1)
         t_xhat1 = graph.op("ReduceMean", graph.op("Mul", t, xhat1), graph.index([2]), keepdims=1)
         v = graph.op("Sub", t, graph.op("Mul", t_xhat1, xhat1))

@@ -131,7 +131,7 @@ def _past(graph: Graph, prior: PriorWeights, sizes: Sizes, window: str) -> tuple
         signs[2 * pair, pair + 1], signs[2 * pair + 1, pair + 1] = 1.0, -1.0
     signs[-1, 0] = 1.0
     # This product has the rows (a_{k-1}, y_k). When the rows are joined and the first number is removed, y_k and a_k
-    # alternate. The last action is missing, because the window does not contain the last action.
+    # alternate. The present action is missing, because it is not in the window.
     turned = graph.op("MatMul", newest, graph.constant(signs, "differences"))
     size = memory * (pairs + 1)
     row = graph.slice(graph.op("Reshape", turned, graph.index([1, size])), 1, size, 1)

@@ -1,4 +1,4 @@
-"""The ONNX graph that estimates each pressure from the other pressures. All views of a window form one batch."""
+"""The ONNX graph that estimates each pressure from the others. The views of a window form one batch."""
 
 from typing import Final
 

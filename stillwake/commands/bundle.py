@@ -47,10 +47,10 @@ DIFFERENT: Final = 1
 DataSet = Annotated[Path | None, typer.Option("--dataset", help="Data set for a new sensor estimator; takes minutes.")]
 SecurityVersion = Annotated[
     int | None,
-    typer.Option(help="An ECU that has confirmed a greater version refuses this.", min=FIRST_SECURITY_VERSION),
+    typer.Option(help="ECUs that have confirmed a greater version refuse the bundle.", min=FIRST_SECURITY_VERSION),
 ]
 Speeds = Annotated[
-    str | None, typer.Option(metavar="SLOWEST:FASTEST", help="Smaller range of speeds, in design speeds: 0.7:1.3.")
+    str | None, typer.Option(metavar="SLOWEST:FASTEST", help="Smaller range of speed / design speed: 0.7:1.3.")
 ]
 BillOfMaterials = Annotated[
     Path | None, typer.Option(help="Write the bill of materials, CycloneDX 1.6.", metavar="FILE")
@@ -96,7 +96,7 @@ def sign(path: Annotated[Path, typer.Argument(help="Bundle directory.")], key: s
 @bundle.command()
 def renew(
     path: Annotated[Path, typer.Argument(help="Bundle directory; its DBC may be of another version.")],
-    output: Annotated[Path, typer.Argument(help="Bundle directory.")],
+    output: Annotated[Path, typer.Argument(help="Bundle directory to write.")],
     name: Annotated[str, typer.Option(help="Name of the new bundle.")],
     key: shared.PrivateKey,
     trust: shared.Trust = None,
@@ -147,7 +147,7 @@ def renew(
 
 
 def _renew_bill(path: Path, release: Bundle) -> None:
-    """Write the bill of materials beside a bundle again if `export` wrote one, because it states digest and signer."""
+    """Update the bill of materials beside a bundle, if there is one: it states the bundle's digest and signer."""
     from export.release.sbom import bill_beside, release_bom, write_bom
 
     if bill_beside(path).exists():
@@ -179,12 +179,12 @@ def inspect(
     """Verify a bundle, an image or a key list, and show its contents and its signer.
 
     For a bundle, the command prints one line for each check of the loader, and one line for a control step. If a check
-    fails, nothing else is shown and the exit status is 1. A key list may have any signer, unless --trust names the root
-    key.
+    fails, the contents are not shown and the exit status is 1. A key list may have any signer, unless --trust names the
+    root key.
     """
     if path is not None and (key_list.is_list(path) or is_image(path)):
         if sbom is not None:
-            raise BundleError("--sbom: needs a bundle, and this is another file")
+            raise BundleError("--sbom: needs a bundle, but this file is an image or a key list")
         if key_list.is_list(path):
             _show(*_opened_list(path, locate(path, trust)[1]))
         else:
@@ -234,8 +234,8 @@ def _first_step(release: Bundle) -> Check:
 
 @bundle.command()
 def diff(
-    a: Annotated[Path, typer.Argument(help="Bundle directory.")],
-    b: Annotated[Path, typer.Argument(help="Bundle directory to compare with.")],
+    a: Annotated[Path, typer.Argument(help="Bundle directory or image.")],
+    b: Annotated[Path, typer.Argument(help="Bundle directory or image to compare with.")],
 ) -> None:
     """Show the differences between two bundles (manifest, signer, hashes of files), or between two images (.swi).
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from firmware_sim.campaign.folder import CampaignFolder
 
 NOT_SAFE: Final = 3
-"""Exit status of a complete campaign that violated an invariant (a condition for safe frames and jet flows)."""
+"""Exit status of a complete campaign in which an invariant (a condition for safe frames and jet flows) was violated."""
 _USES: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
 _LONGEST: Final = 1e6
 """Longest time in t_c that an option accepts, about a day on the road."""
@@ -36,8 +36,8 @@ _MOST_PHASES: Final = 25
 
 Scenarios = Annotated[list[Path], typer.Option(help="TOML file with your own scenarios (repeatable).", metavar="FILE")]
 Only = Annotated[list[str], typer.Option(help="Only these scenarios, e.g. 'noise_*' (repeatable).", metavar="GLOB")]
-Phases = Annotated[int, typer.Option(help="Number of starts, spread over a shedding cycle.", min=1, max=_MOST_PHASES)]
-Settle = Annotated[float, typer.Option(help="Time left out of the controlled averages, t_c.", min=0.0, max=_LONGEST)]
+Phases = Annotated[int, typer.Option(help="Number of starting phases in a shedding cycle.", min=1, max=_MOST_PHASES)]
+Settle = Annotated[float, typer.Option(help="Time with control before the averages begin, t_c.", min=0.0, max=_LONGEST)]
 
 
 def campaign(
@@ -65,7 +65,7 @@ def campaign(
     another campaign. With --phases 1 --controlled 40 the command is a quick trial, whose figures are not significant.
 
     Exit status 3: a scenario violated an invariant, which is a condition for safe frames and jet flows. A scenario
-    without drag reduction is no failure.
+    without drag reduction is not a failure.
     """
     from firmware_sim.campaign.folder import CampaignFolder
     from firmware_sim.campaign.judgement import listing

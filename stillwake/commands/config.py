@@ -21,9 +21,9 @@ _WIDTH: Final = 80
 
 def config(
     prefix: Annotated[
-        str, typer.Argument(help="Only settings whose names begin with this text; also explains them.")
+        str, typer.Argument(help="Show and explain only settings whose names begin with this text.")
     ] = "",
-    changed: Annotated[bool, typer.Option("--changed", help="Only settings that differ from the paper.")] = False,
+    changed: Annotated[bool, typer.Option("--changed", help="Show only settings that differ from the paper.")] = False,
     toml: Annotated[bool, typer.Option("--toml", help="Print the settings as a TOML file for --set.")] = False,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
@@ -48,13 +48,13 @@ def config(
 
 
 def _check_complete(whole: Sequence[Section], listed: Sequence[Section]) -> None:
-    """Raise ConfigError if a file with the `listed` settings would leave a setting of `whole` at the release's value: a
-    setting that is none, or one that `--changed` leaves out."""
+    """Raise ConfigError if a file with the `listed` settings would not reproduce the settings of `whole`. Settings that
+    are None, or that `--changed` leaves out, are not in the file; they get the release's values."""
     release = {one.name: one.value for section in sections(load_config()) for one in section.settings}
     written = {one.name for section in listed for one in section.settings if one.value is not None}
     for one in (one for section in whole for one in section.settings):
         if one.name not in written and one.value != release[one.name]:
-            remedy = f"a file for these settings alone leaves the release's {shown(release[one.name])}"
+            remedy = f"a file of these settings alone leaves it at the release's {shown(release[one.name])}"
             raise ConfigError(f"{one.name} is {shown(one.value)}: {remedy}; print the file without the prefix")
 
 

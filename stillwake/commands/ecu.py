@@ -43,7 +43,7 @@ _MAKES: Final = {
     "root": "`stillwake keygen` makes a pair",
     "library": "`stillwake export --c` writes one",
 }
-"""A text for each of these options, which names the command that makes the option's file."""
+"""Hints for error messages: for each option, the command that makes the option's file."""
 
 
 class _RunsByDefault(TyperGroup):
@@ -57,25 +57,25 @@ class _RunsByDefault(TyperGroup):
         return super().parse_args(ctx, args)
 
 
-ecu = typer.Typer(cls=_RunsByDefault, help="Run the ECU on a real CAN bus; provision one that can be flashed.")
+ecu = typer.Typer(cls=_RunsByDefault, help="Run the ECU on a real CAN bus; set up an ECU that can be flashed.")
 
 Board = Annotated[
     Path | None,
-    typer.Option("--mcu", help="Flash of an emulated microcontroller; created if it is missing.", metavar="FILE"),
+    typer.Option("--mcu", help="File of an emulated microcontroller's flash; created if missing.", metavar="FILE"),
 ]
-Spin = Annotated[float, typer.Option(help="Microseconds to stay awake before a deadline.", min=0.0, max=5000.0)]
+Spin = Annotated[float, typer.Option(help="Time of busy waiting before a deadline, microseconds.", min=0.0, max=5000.0)]
 
 
 @ecu.command(name=_RUN)
 def run(
-    bundle: Annotated[Path | None, typer.Argument(help="Release bundle; default: the shipped one.")] = None,
+    bundle: Annotated[Path | None, typer.Argument(help="Release bundle; default: the shipped bundle.")] = None,
     trust: shared.Trust = None,
     library: shared.Library = None,
     slots: shared.Slots = None,
     mcu: Board = None,
     access: shared.Access = None,
     root: shared.Root = None,
-    hardware: Annotated[str | None, typer.Option(help="Hardware's name; default: as in the folder, or mcu.")] = None,
+    hardware: Annotated[str | None, typer.Option(help="Hardware's name; default: the folder's name, or mcu.")] = None,
     periods: shared.Periods = None,
     log: Annotated[Literal["plain", "json"], typer.Option("--log", help="Format of the log, on stderr.")] = "plain",
     metrics: Annotated[Path | None, typer.Option(help="Write counters for Prometheus here.", metavar="FILE")] = None,
@@ -142,11 +142,9 @@ def provision(
     folder: Annotated[Path, typer.Argument(help="Folder to make: the ECU's memory.")],
     root: Annotated[Path, shared.ROOT],
     keys: Annotated[Path, typer.Option("--keys", help="Keys that sign releases (`bundle keylist`).", metavar="LIST")],
-    bundle: Annotated[
-        Path | None, typer.Option(help="Release bundle that runs from the start; default: none, flash one later.")
-    ] = None,
+    bundle: Annotated[Path | None, typer.Option(help="Release bundle that runs from the start; default: none.")] = None,
     hardware: Annotated[str, typer.Option(help="Name of the hardware, which a bundle may require.")] = "generic",
-    serial: Annotated[str | None, typer.Option(help="Number of this ECU; default: a random one.")] = None,
+    serial: Annotated[str | None, typer.Option(help="Serial number of this ECU; default: random.")] = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Make the folder of an ECU that can be flashed, with its keys and, on request, its first release.
@@ -255,10 +253,10 @@ def _run_firmware(
 
 
 def _check_files(config: Config, options: "ProcessOptions", *read: Path) -> None:
-    """Check that the process's files and its keys are different files, and lock the files that it writes: of two nodes
-    with one freshness file, each would set back the other's number of power cycles."""
+    """Check that the process's files and its keys are different files, and lock the files that it writes. Two nodes
+    with the same freshness file would set back each other's number of power cycles."""
     if options.freshness is not None and not config.bus.key:
-        raise ConfigError("--freshness: needs a key, and bus.key is empty")
+        raise ConfigError("--freshness: needs a key, but bus.key is empty")
     written = (options.metrics, options.stage_times, options.freshness)
     check_apart(*written, options.frames, *read, Path(config.bus.key) if config.bus.key else None)
     for path in filter(None, written):

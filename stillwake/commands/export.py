@@ -52,7 +52,7 @@ _NO_BUNDLE: Final = (
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
 """Settings that may differ between a release and its model."""
 USES_IN_C: Final = ("bus", "ecu")
-"""Further settings, which are compiled into the ECU of a C library."""
+"""Sections of settings that are compiled into the ECU of a C library."""
 USES_FOR_TESTERS: Final = (
     *TESTERS_BUS,
     *("operating_point", "flow.control_period", "flow.action_limit"),
@@ -65,7 +65,7 @@ Fmu = Annotated[
     typer.Option(
         metavar="[KIND,..:]FILE",
         help="Also write the ECU as an FMU; needs a C compiler. Kinds: bus (a CAN terminal in place of signals), "
-        "triggered (its clock, for fixed steps), fmi2 (FMI 2.0), windows (for Windows too; needs ziglang).",
+        "triggered (bus for fixed steps), fmi2 (FMI 2.0), windows (for Windows too; needs ziglang).",
     ),
 ]
 ForTesters = Annotated[Path | None, typer.Option(help="Also write the ECU's DBC, A2L, PDX and seed-and-key rule here.")]
@@ -74,7 +74,7 @@ Key = Annotated[Path | None, typer.Option(help="Private key file (PEM) to sign b
 
 def export(
     model: Annotated[
-        Path | None, typer.Argument(help="Model directory written by `train`; default: the shipped one.")
+        Path | None, typer.Argument(help="Model directory written by `train`; default: the shipped model.")
     ] = None,
     output: Annotated[
         Path | None,
@@ -132,7 +132,7 @@ def export(
     if files.in_c:
         files.check_in_c(config)
     if (fmu, image, for_testers) != (None, None, None):
-        # These files contain or describe the ECU; the folder of --c can have a control step only.
+        # These files contain or describe the ECU, so the ECU must be able to run the model; --c also works without.
         from ecu.fit import check_ecu
 
         sensors = len(model_folder.read(model).description.sensors)
@@ -174,12 +174,12 @@ class _Files:
                 check_output(path, overwrite=overwrite)
 
     def check_in_c(self, config: Config) -> None:
-        """Raise an error for settings that the ECU in C does not support with any release."""
+        """Raise an error for settings that the ECU in C never supports, whatever the release."""
         from ecu.fit import check_offset
         from ecu.in_c.c_settings import check_settings
 
         if self.fmu is not None and config.bus.key:
-            raise ConflictError("bus.key: an FMU has no key to authenticate frames with; leave it empty for --fmu")
+            raise ConflictError("bus.key: an FMU cannot authenticate frames; leave bus.key empty with --fmu")
         check_settings(config)
         if self.c is not None:
             check_offset(config)

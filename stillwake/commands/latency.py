@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from firmware_sim.latency.measured import KeptLimit, MeasuredRun
 
 _NOT_PASSED: Final = 3
-"""Exit status of a complete run in which the latency budget was exceeded, or the ECU left control."""
+"""Exit status of a complete run in which the latency budget was exceeded, or the ECU did not stay in control."""
 LEAD_IN_S: Final = 2.0
 """Time in s from the start to the request for control. By then the ECU's deadlines follow the vehicle's sampling."""
 SPARE_PERIODS: Final = 25
@@ -50,7 +50,7 @@ class Subject:
 
 
 Periods = Annotated[int, typer.Option(help="Number of control periods with a plan to measure.", min=100, max=150_000)]
-Budget = Annotated[Path | None, typer.Option(help="Limits; exit status 3 if a limit is exceeded.", metavar="FILE")]
+Budget = Annotated[Path | None, typer.Option(help="Latency limits; exit status 3 if exceeded.", metavar="FILE")]
 
 
 def latency(
@@ -74,7 +74,7 @@ def latency(
     Without --set bus.interface the bus is udp_multicast, with a multicast group of its own. With --both and no
     --library the C library is made from the shipped model; for another bundle, --library is required.
 
-    Exit status 3: the latency budget is exceeded, or the ECU left control.
+    Exit status 3: the latency budget is exceeded, or the ECU did not stay in control.
     """
     from firmware_sim.latency.measured import PAGE, read_budget, verdicts, write_report
 
@@ -122,8 +122,8 @@ def in_real_time(loaded: Loaded) -> Loaded:
             f"bus.interface = {bus.interface!r}: two processes need a bus between them, such as {INTERFACE}"
         )
     if bus.interface == INTERFACE and "bus.channel" not in loaded.given:
-        # Routers do not forward these addresses (RFC 2365). Each process has its own address, so that simultaneous
-        # measurements do not disturb each other.
+        # Routers do not forward these addresses (RFC 2365). The address depends on the process number, so that
+        # simultaneous measurements do not disturb each other.
         high, low = divmod(os.getpid() % 65536, 256)
         bus = replace(bus, channel=f"239.255.{high}.{low}")
     changed = loaded.in_overrides | {"bus.interface", "bus.channel"} - named
@@ -141,7 +141,7 @@ def measured(
 
     config = loaded.config
     chosen = folder / "settings.toml"
-    # All other settings have the same defaults in both processes.
+    # Only these settings are passed on; all others have the same defaults in both processes.
     own = [
         replace(section, settings=tuple(one for one in section.settings if one.name in loaded.given))
         for section in sections(config)

@@ -38,7 +38,7 @@ FORCINGS: Final = {
 _FREQUENCY: Final = 0.2
 """Default frequency in 1/t_c, about the frequency of the shedding."""
 
-Duration = Annotated[float | None, typer.Option(help="How long to run, t_c; default: 25, or all of a run.", min=0.2)]
+Duration = Annotated[float | None, typer.Option(help="Simulated time, t_c; default: 25, or all of a run.", min=0.2)]
 Forcing = Annotated[str, typer.Option(metavar="TEXT|RUN", help="Actions of the jets, or a run folder to replay.")]
 
 
@@ -48,10 +48,10 @@ def picture(
     state: shared.State = None,
     sensors: shared.Sensors = None,
     duration: Duration = None,
-    settle: Annotated[float, typer.Option(help="Time that runs before the picture begins, t_c.", min=0.0)] = 0.0,
+    settle: Annotated[float, typer.Option(help="Simulated time before the picture begins, t_c.", min=0.0)] = 0.0,
     forcing: Forcing = "none",
     every: Annotated[int, typer.Option(help="Control steps between frames.", min=1)] = 1,
-    width: Annotated[int, typer.Option(help="Pixels of a moving picture.", min=400, max=4000)] = 800,
+    width: Annotated[int, typer.Option(help="Width of an animation, in pixels.", min=400, max=4000)] = 800,
     given: shared.Settings = [],  # noqa: B006  (typer reads it, nothing writes it)
 ) -> None:
     """Draw the flow (vorticity or pressure, the jets, and wall pressure at the sensors), or the mean flow with
@@ -69,7 +69,7 @@ def picture(
         raise ConfigError(f"{output}: must be a file ending in {', '.join((*PICTURES, *_MOVING))}")
     moves = output.suffix.lower() in _MOVING
     if moves and field == "mean":
-        raise ConfigError(f"{output}: the mean flow does not move; name a file that ends in .png, .pdf or .svg")
+        raise ConfigError(f"{output}: the mean flow is a still picture; name a file that ends in .png, .pdf or .svg")
     (check_target if moves else check_suffix)(output)
     claim(output)
     config = settings(
@@ -77,7 +77,7 @@ def picture(
     ).config
     if field != "mean" and not moves:
         if duration is not None or settle or forcing != "none":
-            raise ConfigError("--duration, --settle and --forcing go with --field mean or a moving picture")
+            raise ConfigError("--duration, --settle and --forcing are only for --field mean or an animation")
         save_figure(output, WakePicture(_start(config, state), field, shared.names_in(sensors)).update())
         console.print(f"wrote {output}")
         return

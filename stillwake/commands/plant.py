@@ -25,7 +25,7 @@ _USUAL_DURATION: Final = 200.0
 def develop(
     output: Annotated[Path, typer.Argument(help="State file to write (.npz).")],
     duration: Annotated[float | None, typer.Option(help="Settling time, t_c (200).")] = None,
-    steady: Annotated[bool, typer.Option("--steady", help="The steady symmetric wake instead; see above.")] = False,
+    steady: Annotated[bool, typer.Option("--steady", help="Compute the steady wake instead; see above.")] = False,
     overwrite: shared.Overwrite = False,
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
@@ -70,7 +70,7 @@ def develop(
 
 def plant_fmu(
     output: Annotated[
-        str, typer.Argument(metavar="[fmi2:]OUTPUT", help="FMU to write (.fmu), by FMI 3.0, or by FMI 2.0 with fmi2.")
+        str, typer.Argument(metavar="[fmi2:]OUTPUT", help="FMU to write (.fmu): FMI 3.0, or FMI 2.0 with fmi2.")
     ],
     state: shared.State = None,
     overwrite: shared.Overwrite = False,

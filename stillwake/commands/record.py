@@ -37,8 +37,8 @@ FromSteady = Annotated[Path | None, typer.Option(help="State file of the steady 
 Amplitudes = Annotated[
     tuple[float, float] | None, typer.Option(help="Least and greatest rms of random actions, U_inf W (0.0005 0.02).")
 ]
-Episodes = Annotated[int | None, typer.Option(help="Episodes; default: 2 (--under), 8 (--from-steady).", min=1)]
-Exploration = Annotated[float | None, typer.Option(help="Rms of the noise on commands, in action limits (0.15).")]
+Episodes = Annotated[int | None, typer.Option(help="Number of episodes: 2 (--under), 8 (--from-steady).", min=1)]
+Exploration = Annotated[float | None, typer.Option(help="Rms of the noise on commands / action limit (0.15).")]
 
 
 def record(
@@ -46,13 +46,13 @@ def record(
         Path, typer.Argument(help="Data set (.h5 or .hdf5) to write, or to extend (--under, --from-steady).")
     ],
     lengths: Lengths = None,
-    paper: Annotated[bool, typer.Option("--paper", help="The paper's data set instead; see above.")] = False,
+    paper: Annotated[bool, typer.Option("--paper", help="Record the paper's data set instead; see above.")] = False,
     under: Annotated[Path | None, typer.Option(help="Bundle whose controller drives the jets.")] = None,
     from_steady: FromSteady = None,
     amplitudes: Amplitudes = None,
     episodes: Episodes = None,
     exploration: Exploration = None,
-    role: Annotated[str | None, typer.Option(help="Role of the round: training, or held out.")] = None,
+    role: Annotated[str | None, typer.Option(help="Role of the new episodes; see above.")] = None,
     seed: shared.Seed = 1,
     state: shared.State = None,
     overwrite: shared.Overwrite = False,

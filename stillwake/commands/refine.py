@@ -29,7 +29,7 @@ USES: Final = ("refine", "mpc", "train.seed")
 
 def refine(
     output: Annotated[Path, typer.Argument(help="Model directory to write.")],
-    model: Annotated[Path | None, typer.Option(help="Model directory to refine; default: the shipped one.")] = None,
+    model: Annotated[Path | None, typer.Option(help="Model directory to refine; default: the shipped model.")] = None,
     sensors: shared.Sensors = None,
     dataset: shared.DataSet = None,
     state: shared.State = None,
@@ -68,7 +68,7 @@ def refine(
         own = replace(own, mpc=mpc)
     config = settings("refine", given, uses=USES, base=own).config
     if (config.body, config.flow) != (own.body, own.flow):
-        raise ConfigError(f"--set: body or flow differ from the model {folder_read}: name their model with --model")
+        raise ConfigError(f"--set: body or flow differ from the model {folder_read}: give another model with --model")
 
     from stillwake.parts.differentiable_wake import differentiable_wake, wake_of
     from train.refinement.refine import side_by_side

@@ -49,9 +49,9 @@ def report(sources: Sources, outputs: Outputs = []) -> None:  # noqa: B006
     runs = [RunFolder(folder) for folder in sources]
     if len(runs) > 1:
         if not outputs:
-            raise ConfigError(f"{len(runs)} runs: name the page that compares them with --output FILE.html")
+            raise ConfigError(f"to compare {len(runs)} runs, name the page to write: --output FILE.html")
         if [one.suffix.lower() for one in outputs] != [".html"]:
-            raise ConfigError(f"--output {outputs[-1]}: must be one file ending in .html; other formats need one run")
+            raise ConfigError(f"--output {outputs[-1]}: must be one .html file; other formats are for a single run")
         claim(outputs[0])
         console.print(f"wrote {write_comparison(runs, outputs[0])}")
         return
@@ -69,11 +69,11 @@ def _of_dataset(sources: list[Path], outputs: list[Path]) -> None:
     from contract.recording.netcdf import write_netcdf
 
     if len(sources) > 1 or [one.suffix.lower() for one in outputs] != [".nc"]:
-        raise ConfigError(f"{sources[0]}: is a data set; name one data set, and --output FILE.nc")
+        raise ConfigError(f"{sources[0]} is a data set: give one data set and one --output FILE.nc")
     found = read(sources[0])
     endings = [f"_{quote(one.name, safe=' ')}" if len(found.episodes) > 1 else "" for one in found.episodes]
     paths = [outputs[0].with_stem(f"{outputs[0].stem}{ending}") for ending in endings]
-    # Unlike a run's page, a file with this ending can be a measurement.
+    # An existing .nc file may be a measurement, so it is not replaced, unlike a run's page.
     for path in paths:
         check_output(path, overwrite=None)
     for path, episode in zip(paths, found.episodes, strict=True):
@@ -86,10 +86,10 @@ def _of_log(sources: list[Path], outputs: list[Path]) -> None:
     from can_bridge.tools.measurement import write_measurement
 
     if len(sources) > 1 or not outputs:
-        raise ConfigError(f"{sources[0]}: is a log; name one log, and --output FILE.mf4 or FILE.mcap")
+        raise ConfigError(f"{sources[0]} is a log: give one log, and --output FILE.mf4 or FILE.mcap")
     for output in outputs:
         if output.exists() and output.samefile(sources[0]):
-            raise ConfigError(f"--output {output}: is the file to read; give another name")
+            raise ConfigError(f"--output {output} is the file to read; give another name")
         check_frames(output)
     for output in outputs:
         log = CanLog(sources[0])
@@ -107,7 +107,7 @@ def _writer(run: "RunFolder", output: Path) -> "Callable[[], object]":
     from wake.pictures.drawing import PICTURES
 
     if leads_to(output) in map(leads_to, (run.uncontrolled_picture, run.controlled_picture)):
-        raise ConfigError(f"--output {output}: is one of the run's own pictures; give another name")
+        raise ConfigError(f"--output {output} is one of the run's own pictures; give another name")
     match output.suffix.lower():
         case ".html":
             return lambda: write_report(run, output)

@@ -42,8 +42,8 @@ CLOCK_MHZ: Final = 480.0
 EcuName = Annotated[
     str, typer.Option("--ecu", help="python, c (on this machine), mcu (emulated), or mcu@MHZ.", metavar="ECU")
 ]
-Controlled = Annotated[float | None, typer.Option(help="Time with control, t_c (100, or the drive).", min=0.2)]
-NoAverages = Annotated[bool, typer.Option("--no-averages", help="Series only: a run of any length, for a quick check.")]
+Controlled = Annotated[float | None, typer.Option(help="Time with control, t_c (100, or the drive's time).", min=0.2)]
+NoAverages = Annotated[bool, typer.Option("--no-averages", help="Compute no averages; the run may be short.")]
 RequireReduction = Annotated[
     float | None, typer.Option(help="Exit with status 4 unless drag falls by this percentage.")
 ]
@@ -58,7 +58,7 @@ def run(
     ecu: EcuName = PYTHON,
     lead_in: shared.LeadIn = 25.0,
     controlled: Controlled = None,
-    settle: Annotated[float, typer.Option(help="Time left out of the controlled averages, t_c.", min=0.0)] = 40.0,
+    settle: Annotated[float, typer.Option(help="Time with control before the averages begin, t_c.", min=0.0)] = 40.0,
     no_averages: NoAverages = False,
     require_reduction: RequireReduction = None,
     plant: PlantName = shared.WAKE,
@@ -150,7 +150,7 @@ def _check_reduction(percent: float | None, *, averages: bool) -> None:
         raise ConfigError(f"--require-reduction {percent}: must be a number of percent")
     if 0.0 < abs(percent) < 1.0:
         remedy = f"for {100 * percent:g} % write {100 * percent:g}"
-        raise ConfigError(f"--require-reduction {percent:g}: is a number of percent; {remedy}")
+        raise ConfigError(f"--require-reduction {percent:g}: must be in percent; {remedy}")
 
 
 def _spans(

@@ -32,7 +32,7 @@ NO_COMMANDS: Final = 3
 _RECORDING: Final = "recording"
 _USES: Final = ("body", "operating_point", "flow", *REAL_BUS, "bus.key", "ecu", "vehicle")
 
-PlantName = Annotated[Literal["recording", "wake"], typer.Option("--plant", help="The wake responds to the jets.")]
+PlantName = Annotated[Literal["recording", "wake"], typer.Option("--plant", help="Only the wake responds to jets.")]
 
 
 def vehicle(

@@ -1,4 +1,4 @@
-"""The words of version 1.0.0 that have changed. A call with an old word ends with a line that states the new word."""
+"""The words of version 1.0.0 with new names. A call with an old word ends with a line that states the new word."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final

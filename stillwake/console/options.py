@@ -10,7 +10,7 @@ import typer
 
 from contract.errors import ConfigError
 
-Bundle = Annotated[Path | None, typer.Option("--bundle", help="Release bundle; default: the shipped one.")]
+Bundle = Annotated[Path | None, typer.Option("--bundle", help="Release bundle; default: the shipped bundle.")]
 Trust = Annotated[
     str | None,
     typer.Option("--trust", help="Public key file (PEM) of the required signer; 'project': the shipped bundle's key."),
@@ -52,7 +52,7 @@ Workers = Annotated[
 ]
 Threads = Annotated[int, typer.Option("--threads", help="Threads of torch; more may be slower.", min=1, max=1024)]
 Restart = Annotated[bool, typer.Option("--restart", help="Delete the checkpoints, and start over.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing output when the new one is done.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing output when new output is complete.")]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Also write figures and settings here.", metavar="FILE")]
 Settings = Annotated[
     list[str],
@@ -83,8 +83,8 @@ def names_in(text: str | None) -> tuple[str, ...] | None:
 def pairs(
     texts: list[str], example: str, names: tuple[str, ...] = (), *, repeated: bool = False
 ) -> list[tuple[str, str]]:
-    """Split each text NAME=VALUE. Raises ConfigError for a text of another form, for another name than `names` if they
-    are given, or for a name that is given twice unless `repeated`."""
+    """Split each text NAME=VALUE. Raises ConfigError for a text of another form, for a name that is not in `names`
+    (unless this is empty), and for a name that is given twice unless `repeated`."""
     found: list[tuple[str, str]] = []
     for text in texts:
         name, separator, value = (part.strip() for part in text.partition("="))
@@ -132,7 +132,7 @@ def cores() -> int:
 
 
 def positive(option: str, value: float) -> float:
-    """Return the number. Raises ConfigError, with the option's name, if the number is not in (0, 1e7]."""
+    """Return an option's number; raises ConfigError, with the option's name, if it is not in (0, 1e7]."""
     if not (isfinite(value) and 0.0 < value <= _LONGEST_S):
         raise ConfigError(f"{option} {value:g}: must be a number above 0, up to {_LONGEST_S:g}")
     return value

@@ -79,7 +79,7 @@ def _lock(path: Path, file: Path) -> None:
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(held), file.stat()):
                 break
-        # The lock's previous holder has removed this file in the meantime. A lock on it stops no other command.
+        # The lock's previous holder has removed this file in the meantime. A lock on it would not stop other commands.
         os.close(held)
     with suppress(OSError):
         os.ftruncate(held, 0)
@@ -123,10 +123,10 @@ def check_output(
 
 
 def check_apart(*paths: Path | None) -> None:
-    """Raise OutputError if a path is another path or lies in it: one output would replace or alter the other."""
+    """Raise OutputError if two paths are equal or one contains the other: an output would alter the other."""
     for one, other in permutations(filter(None, paths), 2):
         if Path(os.path.realpath(other)).is_relative_to(os.path.realpath(one)):
-            raise OutputError(f"{other}: is {one} or lies in it; name another place")
+            raise OutputError(f"{other} is the same path as {one}, or lies in it; name another place")
 
 
 def check_json(path: Path | None, *others: Path | None) -> None:
@@ -138,7 +138,7 @@ def check_json(path: Path | None, *others: Path | None) -> None:
             raise OutputError(f"--json {path}: this command reads or writes another file there; name another file")
         claim(path)
         if path.exists() and path.stat().st_size > 0 and not is_result(path):
-            raise OutputError(f"--json {path}: exists, and holds no figures of a command; name another file")
+            raise OutputError(f"--json {path}: exists, but contains no figures of a command; name another file")
 
 
 def check_frames(path: Path | None) -> None:

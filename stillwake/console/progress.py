@@ -161,8 +161,8 @@ class Report:
         if task not in self._tasks:
             # Steps that an earlier call of the command did must not count for the speed.
             self._tasks[task] = self._bar.add_task(task, **changes, unit=unit or self._unit)
-            # rich measures the speed from the end of the first step. A tiny step ends here and is taken back, so that
-            # real steps that end together do not give a wrong speed.
+            # rich measures the speed from the end of the first step. So a tiny step is counted and taken back first;
+            # otherwise real steps that end together would give a wrong speed.
             for part in (_HARDLY, -_HARDLY):
                 Progress.update(self._bar, self._tasks[task], advance=part)
             self._latest[task] = now

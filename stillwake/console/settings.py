@@ -28,7 +28,7 @@ def read_settings(given: Sequence[str], *, base: Config | None = None) -> Loaded
     """Read the settings and apply the `--set` texts; one text may be a file. Raises ConfigError as `load` does."""
     files = [text for text in given if "=" not in text and text.endswith(".toml")]
     if len(files) > 1:
-        raise ConfigError(f"--set {files[1]}: is the second file; give one file, and changes as section.key=value")
+        raise ConfigError(f"--set {files[1]} is the second file; give one file, and changes as section.key=value")
     overrides = [text for text in given if text not in files]
     return load(Path(files[0]) if files else None, overrides, base=base)
 

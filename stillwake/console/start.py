@@ -28,7 +28,7 @@ NEEDS_MB: Final = {
     **dict.fromkeys(("record", "picture"), 550),
     **dict.fromkeys(("develop", "plant-fmu"), 450),
 }
-"""Smallest address space in MB for each command that simulates, learns or draws, with one thread of BLAS."""
+"""Smallest address space in MB for each command that simulates, trains or draws, with one thread of BLAS."""
 _A_THREAD_MB: Final = 80
 """Address space in MB for each further thread of BLAS; numpy and scipy each load their own BLAS."""
 _DATA: Final = 0.5

@@ -13,7 +13,7 @@ INTERRUPTED: Final = 130
 _STOPS: Final[dict[int, int]] = {
     signal.Signals[name]: status for name, status in (("SIGTERM", 143), ("SIGHUP", 129)) if hasattr(signal, name)
 }
-"""Other signals that stop a command, and its exit status, as in shells. Windows has no SIGHUP."""
+"""Exit status, as in shells, for each of the other signals that stop a command. Windows has no SIGHUP."""
 
 _asked: list[int] = []
 """Signals that were received."""
@@ -62,8 +62,8 @@ def _report_lost(lost: "sys.UnraisableHookArgs") -> None:
 
 @contextmanager
 def until_stopped() -> Iterator[Callable[[], bool]]:
-    """Yield a function that returns whether Ctrl-C or SIGTERM was received. Work that calls this function can end by
-    itself.
+    """Yield a function that returns whether Ctrl-C, SIGTERM or SIGHUP was received. Work that calls this function can
+    end by itself.
 
     The first signal does not interrupt the work, so that files are completed; a second signal interrupts the work. Only
     the main thread may handle signals; in another thread no signal stops the work. Raises KeyboardInterrupt if the
@@ -78,7 +78,7 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
 
     def stop(number: int, _frame: Any) -> None:
         came.append(number)
-        # If the work is incomplete, its command raises KeyboardInterrupt. The signal determines the exit status.
+        # A command with incomplete work raises KeyboardInterrupt later; its exit status then depends on this signal.
         _asked.append(number)
         signal.signal(number, before[number])
 

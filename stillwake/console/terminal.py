@@ -14,7 +14,7 @@ _WIDE: Final = 10_000
 
 
 def make_console(*, stderr: bool = False) -> Console:
-    """Return a console that prints text unchanged: brackets are no markup, and control characters have no effect."""
+    """Return a console that prints text literally: brackets are not markup, and control characters are escaped."""
     stream = sys.stderr if stderr else sys.stdout
     has_edge = (stream is not None and stream.isatty()) or "COLUMNS" in os.environ
     width = None if has_edge else _WIDE

@@ -113,9 +113,9 @@ def write_shipped_library(
 
 
 def write_fmu(fmu: "tuple[FmuKind, Path]", library: Path, release: Bundle, config: Config) -> None:
-    """Write the ECU of a C library, which was made from `release`, as an FMU of a kind into a file. The settings of the
-    vehicle are compiled in. Raises ConfigError if the kind does not support them; LibraryError if the library has only
-    the control step, or does not compile; StillwakeError if the file cannot be written."""
+    """Write the ECU of a C library, which was made from `release`, as an FMU; `fmu` is the kind and the file. The
+    settings of the vehicle are compiled in. Raises ConfigError if the kind does not support them; LibraryError if the
+    library has only the control step, or does not compile; StillwakeError if the file cannot be written."""
     from firmware_sim.fmu.fmu_files import ecu_fmu
 
     (kind, path), sources = fmu, read_sources(library)

@@ -20,9 +20,9 @@ from wake.truck.truck_wake import TruckWake
 def differentiable_wake(
     config: Config, sensors: Sequence[str], start: Path | None, progress: Callable[[float, float], None]
 ) -> tuple[DifferentiableWake, list[FlowState]]:
-    """Return the plant of a refinement on its mesh, and developed wakes in different phases. The refinement simulates
-    these flows side by side (`refine.streams`). Raises PlantError if the wake in `start` has another body, Reynolds
-    number or mesh, or if the flow diverges.
+    """Return the plant that a refinement simulates, on the refinement's mesh, and developed wakes in different phases,
+    from which its parallel simulations start (`refine.streams`). Raises PlantError if the wake in `start` has another
+    body, Reynolds number or mesh, or if the flow diverges.
 
     Args:
         start: file with a developed wake on the default mesh. If None, the wake is the truck's shipped wake or, for
@@ -53,7 +53,7 @@ def _develop(plant: TruckWake, start: Path | None, progress: Callable[[float, fl
 
 
 def wake_of(config: Config, sensors: Sequence[str]) -> DifferentiableWake:
-    """Return the plant of a refinement on its mesh, with the fluid at rest."""
+    """Return the plant that a refinement simulates, on the refinement's mesh, with the fluid at rest."""
     precision = np.float32 if config.refine.single_precision else np.float64
     plant = TruckWake(mesh_of(config).flow, body=config.body, precision=precision)
     return DifferentiableWake(plant, layout_of(config.body).indices(sensors))

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
 
 def settle_into(output: Path, config: Config) -> tuple[dict[str, float], tuple[int, int]]:
-    """Compute the steady wake with these settings and write its state. Return its figures and its grid's numbers of
-    cells. Raises PlantError if the flow does not settle; StillwakeError if the file cannot be written."""
+    """Compute the steady wake with these settings and write its state. Return figures of the wake, and the numbers of
+    cells of its grid. Raises PlantError if the flow does not settle; StillwakeError if the file cannot be written."""
     from wake.truck import develop, truck_wake
     from wake.truck.state import save_state
 

@@ -196,7 +196,7 @@ def test_what_the_integers_cannot_hold_is_refused():
     cases: tuple[tuple[int, dict[str, float], str], ...] = (
         (256, {"dynamics.output.weight": 7.0}, r"ELU outputs reach 7, must stay below 6\.4"),
         (256, {"lstm.weight_input": 1e12}, r"LSTM's gates reach .*e\+1\d, must stay below 6e\+04"),
-        (517, {}, "a layer of width 517 after an ELU: int8 lowering accepts at most 516"),
+        (517, {}, "a layer of width 517 after an ELU: the int8 library accepts at most 516"),
     )
     for width, change, message in cases:
         rounded = rounded_to_nearest(random_program(5, model=replace(model, dynamics_width=width)))

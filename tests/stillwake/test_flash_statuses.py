@@ -163,7 +163,7 @@ def test_what_cannot_begin(call, flash, all_refused, bus, monkeypatch):
     all_refused(
         "flash",
         {"": "name the bundle or image", "--keys k --dry-run --access x": "--keys: the key list is written"}
-        | dict.fromkeys((f"--keys k --access x {one}" for one in ("--trust t", "--no-confirm")), "are about a release"),
+        | dict.fromkeys((f"--keys k --access x {one}" for one in ("--trust t", "--no-confirm")), "apply to a release"),
     )
 
     def fails(*_arguments, **_named):

@@ -49,7 +49,7 @@ def key_of(file: str) -> "Key | None":
 
 def send(
     message: Annotated[str, typer.Argument(help="Message, by its name in the DBC, e.g. Pressure.", show_default=False)],
-    values: Annotated[list[str] | None, typer.Argument(help="Value in its unit, or a name from its table (0).")] = None,
+    values: Annotated[list[str] | None, typer.Argument(help="SIGNAL=VALUE; signals that are left out are 0.")] = None,
     count: Annotated[int, typer.Option(help="Number of frames to send.", min=1)] = 1,
     period: Annotated[float, typer.Option(help="Seconds between two frames.")] = 0.02,
     counter: Annotated[int, typer.Option(help="E2E counter of the first frame.", min=0, max=255)] = 0,
@@ -104,10 +104,10 @@ def _frames(
         raise ConfigError(f"bus.frames = classic: {name} is a CAN FD message; use a message ending in Classic")
     if spec.is_secured:
         if not config.key:
-            raise BusError(f"{name}: is sent with an authentication code; name its key with --set bus.key=FILE")
+            raise BusError(f"{name} is sent with an authentication code; give the key with --set bus.key=FILE")
         if trip is None:
             raise ConfigError(
-                f"{name}: is signed with a freshness value; give --trip, a number of power cycles larger than "
+                f"{name} is signed with a freshness value; give --trip, a number of power cycles larger than "
                 "any number used with the key"
             )
     elif trip is not None:
@@ -165,7 +165,7 @@ def decode(
     check_json(json_file, file, csv_file)
     if csv_file is not None:
         if os.path.realpath(csv_file) == os.path.realpath(file):
-            raise BusError(f"{csv_file}: is the file to read; give another name")
+            raise BusError(f"{csv_file} is the file to read; give another name")
         check_output(csv_file, overwrite=None)
     found = Summary(config=config, key=key_of(config.key))
     with _csv_rows(csv_file) as write_rows, progress("frames") as report:
@@ -180,7 +180,7 @@ def decode(
             if not summary:
                 console.print(_line(traffic, first=next(iter(log.channels))))
         if found.first_s is None:
-            raise BusError(f"{file}: holds no CAN frame")
+            raise BusError(f"{file}: contains no CAN frame")
     used = {name: value for name, value in asdict(config).items() if name in ("nominal_bitrate", "data_bitrate", "e2e")}
     figures = {**found.figures(), "events": dict(log.events)}
     save_json(json_file, figures=figures, facts={"log": file.name, "config": used}, packages=("python-can",))

@@ -38,7 +38,7 @@ Duration = Annotated[float | None, typer.Option("--for", help="End after this nu
 
 
 def monitor(
-    log: Annotated[Path | None, typer.Argument(help="Log to read instead of a bus; the table shows its end.")] = None,
+    log: Annotated[Path | None, typer.Argument(help="Log to read instead of a bus; shows its last state.")] = None,
     channel: Channel = None,
     seconds: Duration = None,
     match: Annotated[str, typer.Option("--filter", help="Show rows with these words in message, id or signal.")] = "",
@@ -62,9 +62,9 @@ def monitor(
     if seconds is not None:
         shared.positive("--for", seconds)
         if log is not None:
-            raise ConfigError("--for: needs a bus; a log is read to its end")
+            raise ConfigError("--for is only for a bus; a log is read to its end")
     if channel is not None and log is None:
-        raise ConfigError("--channel: needs a log; name a bus with --bus")
+        raise ConfigError("--channel is only for a log; name a bus with --bus")
     title = str(log) if log is not None else f"{config.interface} {config.channel}"
 
     summary = Summary(config=config, key=key_of(config.key), most=MOST_MESSAGES)
@@ -92,7 +92,7 @@ def _read(summary: "Summary", log: Path, channel: str | None) -> None:
             summary.add(message)
             report(f"reading {log.name}", number)
     if summary.last_s is None:
-        raise BusError(f"{log}: holds no CAN frame")
+        raise BusError(f"{log}: contains no CAN frame")
 
 
 def _follow(

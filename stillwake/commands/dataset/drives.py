@@ -67,20 +67,20 @@ def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
         if label is None:
             general.append(Path(text))
         elif labels[label] in found:
-            raise DatasetError(f"--forces {text}: {labels[label]} has forces already")
+            raise DatasetError(f"--forces {text}: {labels[label]} already has a file of forces")
         else:
             found[labels[label]] = Path(text[len(label) + 1 :])
     if wrong := [text for text in map(str, general) if "=" in text and not Path(text).exists()]:
-        raise DatasetError(f"--forces {wrong[0]}: no such file, nor LOG=FILE with a LOG of {', '.join(map(str, logs))}")
+        raise DatasetError(f"--forces {wrong[0]}: no such file; LOG= must name one of {', '.join(map(str, logs))}")
     if len(general) > 1:
         raise DatasetError(
-            f"--forces {general[1]}: is the second file; for several files, write LOG=FILE, where LOG is one of "
+            f"--forces {general[1]} is a second file for all logs; write LOG=FILE, where LOG is one of "
             f"{', '.join(map(str, logs))}"
         )
     for log in logs:
         if log not in found and not general:
             raise DatasetError(
-                f"{log}: a log has no drag and lift, and training needs them: give them with --forces, as a table "
+                f"{log}: a log has no drag and lift, which training needs: give them with --forces, as a table "
                 f"with t, Cd and Cl"
             )
     return {log: found.get(log) or general[0] for log in logs}
@@ -167,7 +167,7 @@ class DriveReader:
     def _sources(
         self, path: Path, name: str, role: "Role", forces: "ForcesTable", series: "LogSeries", period: float
     ) -> "list[EpisodeSource]":
-        """Return a source for each piece of the log, with the forces at the times of its rows."""
+        """Return an episode's source for each piece of the log, with the forces at the times of its rows."""
         from contract.recording.importing.assemble import EpisodeSource
         from contract.recording.importing.source_file import Contents
         from contract.recording.importing.stored import INITIAL_ACTION
@@ -215,8 +215,8 @@ class DriveReader:
         return table
 
     def _check_zone(self, log: Path, series: "LogSeries", forces: "ForcesTable") -> None:
-        """Raise DatasetError if a log begins in local time and the forces cover its times in a zone other than UTC. The
-        log's zone is then uncertain."""
+        """Raise DatasetError if the zone of a log in local time is uncertain: the times of the forces cover those of
+        the log also, or only, in a zone other than UTC."""
         zones = []
         for minutes in range(-12 * 60, 14 * 60 + 1, 15):
             with suppress(DatasetError):
@@ -227,7 +227,7 @@ class DriveReader:
             texts = [f"{'-' if one < 0 else '+'}{abs(one) // 60:02d}:{abs(one) % 60:02d}" for one in zones]
             shown = f"{texts[0]} to {texts[-1]}" if len(texts) > 3 else " and ".join(texts)
             raise DatasetError(
-                f"{log}: begins in local time, and does not state its zone; the forces cover it in the zones {shown}: "
+                f"{log} begins in local time of an unknown zone; the times of the forces fit the zones {shown}: "
                 f"name the right zone with --log-zone"
             )
 
@@ -286,7 +286,7 @@ def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
     if largest > scales.action_limit * (1.0 + LIMIT_TOLERANCE) >= largest * slowest / scales.point.speed:
         raise DatasetError(
             f"{path}: actions reach {largest:.4g} U_inf W, beyond the limit of {scales.action_limit:g}: at {slowest:g} "
-            f"m/s the same jets are a larger action than at {scales.point.speed:g} m/s; give --set "
+            f"m/s the same jet flow is a larger action than at {scales.point.speed:g} m/s; give --set "
             f"flow.action_limit={np.ceil(largest * 1e4) / 1e4:g}"
         )
 

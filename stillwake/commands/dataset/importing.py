@@ -35,13 +35,13 @@ Files = Annotated[
 ]
 Asymmetric = Annotated[bool, typer.Option("--asymmetric", help="Body or jets are not symmetric about y = 0.")]
 References = Annotated[
-    list[str], typer.Option(help="Value of 1 in the files (repeatable); see above.", metavar="NAME=NUMBER[UNIT]")
+    list[str], typer.Option(help="Number that means 1 (repeatable); see above.", metavar="NAME=NUMBER[UNIT]")
 ]
-Renamed = Annotated[list[str], typer.Option("--map", help="NAME=COLUMN for another name, e.g. Cd=drag (repeatable).")]
-Forces = Annotated[list[str], typer.Option(help="Cd and Cl of logs: a table (repeatable).", metavar="[LOG=]FILE")]
-Clock = Annotated[ForcesClock | None, typer.Option(help="How the times of --forces count; see above.")]
+Renamed = Annotated[list[str], typer.Option("--map", help="Column with another name, e.g. Cd=drag (repeatable).")]
+Forces = Annotated[list[str], typer.Option(help="Table with the Cd and Cl of logs (repeatable).", metavar="[LOG=]FILE")]
+Clock = Annotated[ForcesClock | None, typer.Option(help="Clock of the times in --forces; see above.")]
 Zone = Annotated[str, typer.Option(help="Zone of logs in local time: Europe/Berlin, +02:00.", show_default=False)]
-Split = Annotated[bool, typer.Option("--split", help="Make separate episodes before and after a longer gap.")]
+Split = Annotated[bool, typer.Option("--split", help="Begin a new episode after a gap longer than --fill.")]
 
 
 def import_(
@@ -135,7 +135,7 @@ def roles_of(texts: list[str]) -> "list[tuple[Path, Role]]":
 def _check_places(output: Path, read: list[Path], *, overwrite: bool) -> None:
     for path in read:
         if os.path.realpath(output) == os.path.realpath(path):
-            raise OutputError(f"{output}: is one of the files to read; give another name")
+            raise OutputError(f"{output} is one of the files to read; give another name")
     check_output(output, overwrite=overwrite)
     check_dataset_name(output)
 
@@ -178,15 +178,13 @@ def _assembled(
             )
             cp, own = reader.references.get("Cp"), series.dynamic_pressure
             if cp is not None and cp.unit == "Pa" and abs(cp.number / own - 1.0) > _SAME:
-                raise ConfigError(
-                    f"{cp.option}: the pressures in {path} are divided by {own:g} Pa: correct one of these values"
-                )
+                raise ConfigError(f"{cp.option}: Cp of {path} is computed with {own:g} Pa: correct one of these values")
             is_local |= log.is_local
             sources += made
             notes += drives.notes_on(series, log)
         if reader.zone is not None and not is_local:
             raise ConfigError(f"--log-zone {reader.zone}: no log begins in local time")
-        # In a log's files of forces, only the columns t, Cd and Cl can be renamed.
+        # If all files are logs, --map renames t, Cd and Cl only in the files of forces.
         only_logs = len(forces) == len(roles)
         places = {source.path: number for number, source in enumerate(sources)}
         return assemble(

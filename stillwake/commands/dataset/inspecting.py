@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 _STEPS: Final = 200
 """Number of control steps that are drawn, which cover eight shedding cycles of the truck."""
 
-AsSettings = Annotated[bool, typer.Option("--settings", help="Print the settings that fit, as TOML for --set.")]
+AsSettings = Annotated[bool, typer.Option("--settings", help="Print settings for this data set, as TOML for --set.")]
 
 
 def inspect(
     file: Annotated[Path, typer.Argument(help="HDF5 data set.", show_default=False)],
     settings: AsSettings = False,
-    picture: Annotated[Path | None, typer.Option(help="Also draw sensors and first series into this PNG.")] = None,
+    picture: Annotated[Path | None, typer.Option(help="Also draw sensors and time series into this PNG.")] = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Show the contents of a data set, every property that makes training or export refuse the data set, and further
@@ -44,7 +44,7 @@ def inspect(
     from contract.recording.dataset import read, survey
 
     loaded = read_settings(given)
-    # The output of --settings goes into a file, so an invalid data set only ends with its first problem.
+    # The output of --settings goes into a file, so only the first problem is reported, as an error.
     data_set, problems = (read(file), ()) if settings else survey(file)
     lines = [("[red]wrong[/]  ", line) for line in problems]
     if data_set is not None:

@@ -46,7 +46,7 @@ def calibrate(
     check_json(json_file)
     changes = parsed(values or [])
     if revert and (store or changes):
-        raise ConfigError("--revert: discards present and stored values; leave out new values and --store")
+        raise ConfigError("--revert discards present and stored values; leave out new values and --store")
     if (changes or store or revert) and access is None:
         raise ConfigError("--access: name the file of the ECU's access key; only reading needs no key")
     config = settings("calibrate", with_bus(bus, given), uses=TESTERS_BUS).config

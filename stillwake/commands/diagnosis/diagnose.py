@@ -54,7 +54,7 @@ def diagnose(
     config = settings("diagnose", with_bus(bus, given), uses=TESTERS_BUS).config
     if slots is not None:
         if bus is not None or clear:
-            raise ConfigError("--slots: reads a folder, not an ECU; leave out --bus and --clear")
+            raise ConfigError("--slots reads a folder, not an ECU; leave out --bus and --clear")
         facts, store = _from_folder(slots)
         _print_ecu(facts, store, runs="not in the folder; to ask the ECU, use --bus instead of --slots")
         found: list[StoredFault] = []

@@ -37,7 +37,7 @@ def flash(
     access: shared.Access = None,
     trust: shared.Trust = None,
     dry_run: DryRun = False,
-    no_confirm: Annotated[bool, typer.Option("--no-confirm", help="Leave the release on trial.")] = False,
+    no_confirm: Annotated[bool, typer.Option("--no-confirm", help="Leave the release on trial, unconfirmed.")] = False,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Transfer a release to an ECU over UDS, start the release on trial, test it, and confirm it.
@@ -47,8 +47,8 @@ def flash(
     it stopped. If the release already runs, nothing is done.
 
     The ECU accepts a key list if the ECU's root key signed the list, the list is newer than the ECU's present list, and
-    the list contains the key of the confirmed release. Together with a release, a list of the version that the ECU has
-    is not sent again.
+    the list contains the key of the confirmed release. If a release is given, too, a list whose version the ECU already
+    has is not sent again.
 
     Exit status: 3 if the ECU does not answer; 4 if the access key is wrong; 5 if the vehicle is in use; 6 if the
     release or the list is not for this ECU, or the ECU refused it; 7 if the ECU refused something else; 8 if the new
@@ -66,7 +66,7 @@ def flash(
     if keys is not None and dry_run:
         raise ConfigError("--keys: the key list is written at once; leave it out with --dry-run")
     if bundle is None and (trust is not None or no_confirm):
-        raise ConfigError("--trust, --no-confirm: are about a release; leave them out, or name a bundle or image")
+        raise ConfigError("--trust, --no-confirm: apply to a release; leave them out, or name a bundle or image")
     # The release is opened before the key list is sent, so that nothing is sent if the release cannot be used.
     opened = None if bundle is None else _opened(bundle, trust)
     if keys is not None:
@@ -74,7 +74,7 @@ def flash(
 
         raw = _read(keys)
         with asking(config.bus, access) as ecu:
-            # After an interruption the same command must continue, although the ECU has the list already.
+            # If an earlier call was interrupted, the ECU may already have the list; this call must continue.
             before, after = bring(ecu, raw, is_again=opened is not None)
         console.print(f"the ECU has key list {after}, and had {before or 'none'}")
     if opened is not None:

@@ -68,7 +68,7 @@ def test_the_file_it_writes_gives_the_same_settings(cli, refused, tmp_path):
     # A file of one section modifies the release's settings, so these would be the release's again.
     path.write_text('base = "paper"\n')
     for words, message in (
-        (("model", "--toml", "--set", path), "model.slim_dynamics_width is none: a file for these settings alone"),
+        (("model", "--toml", "--set", path), "model.slim_dynamics_width is none: a file of these settings alone"),
         (("mpc", "--toml", "--changed", "--set", "mpc.weights.lift=0.01"), "mpc.weights.lift is 0.01: a file"),
     ):
         assert message in refused("config", *words)
@@ -102,6 +102,6 @@ def test_a_file_may_serve_several_commands(tmp_path, capsys):
     path.write_text("[mpc]\nhorizon = 9\n[flow]\nsubsteps = 40\n")
     loaded = settings("develop", [str(path)], uses=["flow"])
     assert loaded.config.flow.substeps == 40
-    with pytest.raises(ConfigError, match=r"--set other\.toml: is the second file"):
+    with pytest.raises(ConfigError, match=r"--set other\.toml is the second file"):
         settings("develop", [str(path), "other.toml"], uses=["flow"])
     assert capsys.readouterr().out == f"{path}: `develop` does not use mpc.horizon\n"

@@ -114,7 +114,7 @@ def test_a_file_that_is_there_is_replaced_only_when_asked_and_a_source_never(cli
     assert cli(*call, made, *files, "--set", "flow.reynolds=90", "--overwrite").code == 0
     assert dataset.read(made).plant.reynolds == 90.0
     source = tmp_path / "held out.h5"
-    line = f"error: {source}: is one of the files to read; give another name\n"
+    line = f"error: {source} is one of the files to read; give another name\n"
     assert refused(*call, source, *files, "--overwrite") == line
     assert "none.h5: no such file" in refused(*call, tmp_path / "other.h5", *files, f"test={tmp_path / 'none.h5'}")
     # Nothing is written unless every file fits.

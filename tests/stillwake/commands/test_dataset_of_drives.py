@@ -138,11 +138,11 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused, place):
     all_refused(
         (*call, "train=drive.log", "--layout", "sensors.csv"),
         {
-            "": "a log has no drag and lift, and training needs them: give them with --forces",
-            "--forces a.csv --forces b.csv": "--forces b.csv: is the second file; for several files, write LOG=",
-            "--forces drive.log=forces.csv --forces drive.log=b.csv": "drive.log has forces already",
+            "": "a log has no drag and lift, which training needs: give them with --forces",
+            "--forces a.csv --forces b.csv": "--forces b.csv is a second file for all logs; write LOG=",
+            "--forces drive.log=forces.csv --forces drive.log=b.csv": "drive.log already has a file of forces",
             "--forces missing.csv": "missing.csv: no such file",
-            "--forces dive.log=forces.csv": "no such file, nor LOG=FILE with a LOG of drive.log",
+            "--forces dive.log=forces.csv": "no such file; LOG= must name one of drive.log",
             "--forces drive.log": "drive.log: a table of forces must end in",
             "--forces bare.csv": "state with --forces-clock how its times count",
             "--forces forces.csv --forces-clock log": "the forces must cover these rows",
@@ -150,7 +150,7 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused, place):
             "--forces forces.csv --map Cd=drag": "no column 'drag' for the forces' table; it has t [t_c], Cd, C",
             "--forces forces.csv --set operating_point.speed=50": "20 ms apart, but the control period is 10 ms",
             "--forces forces.csv --set mpc.horizon=3": "`dataset import` does not use it",
-            "--forces forces.csv --reference Cp=300Pa": "drive.log are divided by 375 Pa",
+            "--forces forces.csv --reference Cp=300Pa": "drive.log is computed with 375 Pa",
             "--forces forces.csv --set flow.action_limit=0.01": "beyond flow.action_limit = 0.01",
             "--forces forces.csv --channel can7": "drive.log: --channel can7: no such channel, only vcan0",
             "--forces forces.csv --log-zone Mars": "--log-zone Mars: must be a name such as Europe/Berlin or UTC",
@@ -186,8 +186,8 @@ def test_a_log_that_begins_in_local_time_is_read_in_its_zone_or_the_zone_is_aske
     clock = ("--forces-clock", "log", "--overwrite")
     for table, zones in ((true, "+02:00"), (long, "+00:00 and +02:00")):
         asked = place.call("--forces", table, *clock, log=log)
-        line = f"begins in local time, and does not state its zone; the forces cover it in the zones {zones}:"
-        assert (asked.code, f"drive.blf: {line}" in asked.err) == (1, True)
+        line = f"begins in local time of an unknown zone; the times of the forces fit the zones {zones}:"
+        assert (asked.code, f"drive.blf {line}" in asked.err) == (1, True)
         for zone in ("+02:00", "Europe/Helsinki"):
             outcome = place.call("--forces", table, *clock, "--log-zone", zone, log=log)
             assert outcome.code == 0, outcome.err
@@ -204,7 +204,7 @@ def test_a_drive_at_another_speed_states_it_and_needs_no_setting(place):
     asked = place.call("--forces", place.folder / "forces.csv", log=log)
     assert (asked.code, "give --set flow.control_period=0.16" in asked.err) == (1, True)
     call = ("--forces", place.folder / "forces.csv", "--set", "flow.control_period=0.16")
-    assert "beyond the limit of 0.075: at 20 m/s the same jets" in place.call(*call, log=log).err
+    assert "beyond the limit of 0.075: at 20 m/s the same jet flow" in place.call(*call, log=log).err
     outcome = place.call(*call, "--set", "flow.action_limit=0.08", log=log)
     assert outcome.code == 0, outcome.err
     assert "slow.log: Cp is computed with the log's vehicle speed, 20 m/s" in outcome.out

@@ -96,11 +96,11 @@ def test_a_bundle_of_another_model_or_program_has_no_library(tmp_path, monkeypat
     release = open_release(None)
     other = bundles.load(shutil.copytree(BUNDLE, tmp_path / "other"))
     object.__setattr__(other.manifest, "weights_sha256", "0" * 64)
-    with pytest.raises(ExportError, match=rf"{release.manifest.name} is of the model 000000000000"):
+    with pytest.raises(ExportError, match=rf"{release.manifest.name} was made from the model 000000000000"):
         c_release.write_shipped_library(tmp_path / "c", other, load_config())
     # The model's weights, rounded in another way.
     monkeypatch.setattr("export.release.pipeline.rounded_on", lambda program, windows: rounded_to_nearest(program))
-    with pytest.raises(ExportError, match=r"has the program .*, but its model gives .*: export the model again"):
+    with pytest.raises(ExportError, match=r"has the program .*, but its model gives .*: export the model to a"):
         c_release.write_shipped_library(tmp_path / "c", release, load_config())
     assert not (tmp_path / "c").exists()
 

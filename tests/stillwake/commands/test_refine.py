@@ -46,7 +46,7 @@ def test_a_refined_model_is_exported_and_its_prior_acts(cli, tmp_path, model, sh
     odd = cli("refine", tmp_path / "odd", "--model", model, "--sensors", "upper_39,base_0", *data, *SMALL)
     assert odd.code == 1 and "upper_39 and base_0 are not a pair" in odd.err
     inside = cli("refine", model / "odd", "--model", model, *data, *SMALL)
-    assert f"{model / 'odd'}: is {model} or lies in it" in inside.err
+    assert f"{model / 'odd'} is the same path as {model}, or lies in it" in inside.err
     other = cli("refine", tmp_path / "odd", "--model", model, "--dataset", model / "model.json", *SMALL)
     assert "model.json is not the recording that the model was fitted to" in other.err
     done = cli("refine", tmp_path / "refined", "--model", model, *data, *SMALL, "--json", tmp_path / "refined.json")

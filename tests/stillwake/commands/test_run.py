@@ -30,11 +30,11 @@ BEFORE = {
     "--lead-in 5": "--lead-in = 5: must be at least 10 t_c",
     "--no-averages --require-reduction 20": "--require-reduction needs averages",
     "--require-reduction nan": "--require-reduction nan: must be a number of percent",
-    "--require-reduction 0.2": "--require-reduction 0.2: is a number of percent; for 20 % write 20",
+    "--require-reduction 0.2": "--require-reduction 0.2: must be in percent; for 20 % write 20",
     "--drive steady-55": "drive 'steady-55': must be a file ending in .csv, or one of steady-60, ",
     # An ECU in C.
     "--json out/series.npz": "--json out/series.npz: this command reads or writes another file there",
-    "--state s.mcap --frames s.mcap": "s.mcap: is s.mcap or lies in it",
+    "--state s.mcap --frames s.mcap": "s.mcap is the same path as s.mcap, or lies in it",
     "--ecu rust": "--ecu rust: must be one of python, c, mcu, or a clock in MHz as in mcu@300",
     "--ecu c@3": "--ecu c@3: must be one of python, c, mcu",
     "--ecu mcu@fast": "--ecu mcu@fast: 'fast' must be a clock in MHz",
@@ -117,19 +117,19 @@ def test_weights_in_force_are_kept_with_the_run_which_is_reported_again(cli, tmp
 def test_what_cannot_be_reported_is_refused(all_refused, tmp_path):
     (tmp_path / "a").mkdir()
     rows = {
-        "a b": "2 runs: name the page that compares them with --output FILE.html",
-        "a b --output x.pdf": "--output x.pdf: must be one file ending in .html",
-        "a b --output x.html --output x.csv": "--output x.csv: must be one file ending in .html",
+        "a b": "to compare 2 runs, name the page to write: --output FILE.html",
+        "a b --output x.pdf": "--output x.pdf: must be one .html file",
+        "a b --output x.html --output x.csv": "--output x.csv: must be one .html file",
         "a b --output x.html": "a/series.npz: not the series of a run",
         "a a/../a --output x.html": "given twice",
         "a b c d e f g --output x.html": "7 runs: between 2 and 6 can be compared on a page",
         "a --output a/vorticity_controlled.png": "is one of the run's own pictures; give another name",
         "a --output x.xyz": "--output x.xyz: must end in .html, .csv, .png, .pdf, .svg, .mf4, .mcap",
         "a --output x.mf4": "a/series.npz: not the series of a run",
-        "a.log": "a.log: is a log; name one log, and --output FILE.mf4",
+        "a.log": "a.log is a log: give one log, and --output FILE.mf4",
         "a.log --output x.html": "x.html: a measurement must end in .mf4 or .mcap",
         "b.mf4 --output x.mcap": "b.mf4: there is no such file",
-        "c.h5 --output x.csv": "c.h5: is a data set; name one data set, and --output FILE.nc",
+        "c.h5 --output x.csv": "c.h5 is a data set: give one data set and one --output FILE.nc",
     }
     all_refused("report", rows)
 

@@ -25,7 +25,7 @@ def test_what_cannot_be_is_one_line(all_refused) -> None:
             "--dataset none.h5": "none.h5: no such dataset",
             "--bundle none": "none",
             "--freshness x.json": "--freshness x.json: needs a key, but bus.key is empty",
-            "--freshness x.json --json x.json": "x.json: is x.json or lies in it",
+            "--freshness x.json --json x.json": "x.json is the same path as x.json, or lies in it",
             "--set mpc.horizon=3": "`vehicle` does not use it",
             "--stage-times /proc/nowhere/x.npz": "/proc/nowhere",
             "--set bus.interface=socketcan": "CAN bus socketcan 'test-stillwake-vehicle': ",

@@ -43,11 +43,11 @@ static inline int sw_all_finite(const float *values, int count)
 }
 
 /* Returns exp(x) with a relative error of at most 1.5e-7 for -87 <= x <= 88; otherwise exp of the nearer limit. With x
- * = n ln 2 + r and |r| <= ln 2 / 2, exp(x) is 2^n (1 + r + r^2 q(r)); q is fitted for the smallest maximum error.
+ * = n * ln 2 + r and |r| <= ln 2 / 2, exp(x) is 2^n * (1 + r + r^2 * q(r)); q is fitted for the smallest maximum error.
  */
 static inline float sw_exp(float x)
 {
-    const float magic = 12582912.0f; /* 1.5 * 2^23: a sum with it is rounded; its low bits are the integer */
+    const float magic = 12582912.0f; /* 1.5 * 2^23: adding it rounds to an integer, in the sum's low bits */
     const float held = sw_min(sw_max(x, -87.0f), 88.0f);
     const float shifted = held * 1.44269504f + magic;
     const float n = shifted - magic;

@@ -29,7 +29,7 @@ struct sw_hot;
 
 typedef struct {
     const struct sw_weights *weights;
-    const struct sw_hot *hot; /* parameters of an int8 library; a float32 library has none */
+    const struct sw_hot *hot; /* matrices of the dynamics in an int8 library; NULL for float32 */
 } sw_program;
 
 #endif

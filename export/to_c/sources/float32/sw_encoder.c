@@ -7,7 +7,7 @@
 #include "sw_norm.h"
 #include "sw_weights.h"
 
-/* Computes the cells c = sigmoid(f) c + sigmoid(i) tanh(g) and the hidden state h = sigmoid(o) tanh(c). */
+/* Computes the cells c = sigmoid(f) * c + sigmoid(i) * tanh(g) and the hidden state h = sigmoid(o) * tanh(c). */
 static void update_cells(sw_encoder_scratch *e)
 {
     const float *i = e->gates, *f = i + SW_LSTM_P, *g = f + SW_LSTM_P, *o = g + SW_LSTM_P;

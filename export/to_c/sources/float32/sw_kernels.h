@@ -70,9 +70,9 @@ static inline void sw_dots(float *restrict y, const float *restrict w, const flo
     }
 }
 
-/* Computes y[o][t] += sum over i of w(o, i) x[i][t] for every output o and every step t of the horizon. w(o, i) = w[o
- * stride_o + i stride_i], so that one copy serves as the matrix and as its transpose. A register holds several steps of
- * the horizon. Four outputs at a time share the loads of x.
+/* Computes y[o][t] += sum over i of w(o, i) * x[i][t] for every output o and every step t of the horizon, where w(o, i)
+ * is w[o * stride_o + i * stride_i], so that one copy serves as the matrix and as its transpose. A register holds
+ * several steps of the horizon. Four outputs at a time share the loads of x.
  */
 static inline void sw_product(float *restrict y, const float *restrict w, int stride_o, int stride_i,
                               const float *restrict x, int outputs, int inputs)

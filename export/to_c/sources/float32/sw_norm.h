@@ -1,9 +1,9 @@
 /* The layer norm and ELU in one function, and their adjoint.
  *
- * A matrix W before a norm over n numbers is stored centred, as C W with C = I - 11^T / n, so that the norm's input u
- * has mean zero. The norm is then xhat = r u with r = 1 / sqrt(mean u^2 + eps), and h = ELU(y) with y = gain xhat +
- * offset. The adjoint needs xhat and slope = ELU'(y) gain r: with t = slope dJ/dh, the adjoint is dJ/du = t - xhat
- * mean(t xhat). The missing projection onto mean zero is already in the centred matrix.
+ * A matrix before a norm is stored centred: its mean over the outputs is subtracted, so that the norm's input u has
+ * mean zero. The norm is then xhat = r * u with r = 1 / sqrt(mean(u^2) + eps), and h = ELU(y) with y = gain * xhat +
+ * offset. The adjoint needs xhat and slope = ELU'(y) * gain * r: with t = slope * dJ/dh, it is dJ/du = t - xhat *
+ * mean(t * xhat). The missing projection onto mean zero is already in the centred matrix.
  *
  * Padding stays zero, because u, gain and offset are zero in the padding.
  */

@@ -19,7 +19,7 @@ void sw_dots_sixteens(int32_t *restrict y, const int8_t *restrict w, const int16
 }
 #endif
 
-/* Computes the products of a matrix for the first vector or for both vectors. */
+/* Multiplies a matrix by the first vector or, if `count` is 2, by both vectors. */
 static CALLED void multiply(sw_decoder_scratch *s, const int8_t *matrix, int rows, int columns, int count)
 {
     if (count == 2) {

@@ -15,7 +15,7 @@
 
 #include "sw_integer.h"
 
-/* Largest number of columns of a matrix. A file with more columns defines this macro before including this header. */
+/* Largest number of columns of a matrix. A file with longer rows defines this macro before including this header. */
 #ifndef SW_DOTS_COLUMNS
 #define SW_DOTS_COLUMNS SW_LONGEST
 #endif

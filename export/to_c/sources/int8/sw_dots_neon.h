@@ -1,8 +1,8 @@
 /* sw_dots.h for Arm processors with the dot-product instructions (Cortex-A75 and later).
  *
  * One instruction multiplies a tile by four 8-bit numbers and adds the products in each row of the tile. A number of
- * the vector has 16 bits: x = 256 high + low + 128 with high and low between -128 and 127. Three products are therefore
- * needed: with high, with low, and with ones. Sums are exact in any order.
+ * the vector has 16 bits: x = 256 * high + low + 128 with high and low between -128 and 127. Three products are
+ * therefore needed: with high, with low, and with ones. Sums are exact in any order.
  */
 #ifndef SW_DOTS_NEON_H
 #define SW_DOTS_NEON_H

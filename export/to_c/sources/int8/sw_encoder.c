@@ -4,7 +4,7 @@
 #include "sw_networks.h"
 #include "sw_norm.h"
 
-/* Replaces each gate's sum by the logistic function of the gate's argument, and for gate g of twice the argument. */
+/* Replaces each gate's sum by the logistic function of the gate's argument or, for gate g, of twice the argument. */
 static void open_gates(sw_encoder_scratch *e, const sw_weights *w)
 {
     for (int c = 0; c < 4 * SW_LSTM_P; c += 8) {
@@ -17,7 +17,7 @@ static void open_gates(sw_encoder_scratch *e, const sw_weights *w)
     }
 }
 
-/* Computes the cells c = sigmoid(f) c + sigmoid(i) tanh(g) and the hidden state h = sigmoid(o) tanh(c). */
+/* Computes the cells c = sigmoid(f) * c + sigmoid(i) * tanh(g) and the hidden state h = sigmoid(o) * tanh(c). */
 static void update_cells(sw_encoder_scratch *e, const sw_weights *w)
 {
     const float one = 1.0f / (float)SW_LOGISTIC_QMAX, product = one * one;

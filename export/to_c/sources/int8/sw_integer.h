@@ -53,7 +53,7 @@ static inline int32_t sw_cut(float value) { return (int32_t)sw_fmin(sw_fmax(valu
 /* Returns a factor for sw_scaled, limited to the largest possible factor. */
 static inline int32_t sw_factor(float value) { return (int32_t)sw_fmin(value * 4294967296.0f, 2147483520.0f); }
 
-/* Converts a 64-bit sum to float without a library. */
+/* Converts a 64-bit sum to float without a library function. */
 static inline float sw_float_of(int64_t sum)
 {
     return (float)(int32_t)(sum >> 32) * 4294967296.0f + (float)(uint32_t)(sum & 0xffffffff);

@@ -1,8 +1,8 @@
-/* Layer norm and ELU in one function, and their adjoint, between integer products; all operations are in integers.
+/* Layer norm and ELU in one function, and their adjoint, between integer products; all vectors are integers.
  *
- * Forwards, h = ELU(y) with y = gain xhat + offset and xhat = r (u - mean u), r = 1 / sqrt(var u + eps). The tape
+ * Forwards, h = ELU(y) with y = gain * xhat + offset, xhat = r * (u - mean(u)), r = 1 / sqrt(var(u) + eps). The tape
  * stores xhat as int16, ELU' as uint8, and r; xhat cannot exceed sqrt(n) and so needs no calibration. Backwards, with t
- * = ELU'(y) gain dJ/dh, the adjoint is dJ/du = r (t - mean t - xhat mean(t xhat)), and ELU' = min(h, 0) + 1.
+ * = ELU'(y) * gain * dJ/dh, the adjoint is dJ/du = r * (t - mean(t) - xhat * mean(t * xhat)), and ELU' = min(h, 0) + 1.
  *
  * A norm does not depend on its input's unit, so u is an integer, and each layer has a unit for u, which is as fine as
  * the layer's largest sum allows. Only values that exist once per layer are float. Constants are grouped in eights, for
@@ -81,7 +81,7 @@ SW_ONCE float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restr
             bits |= sw_bits_of(value);
         }
     }
-    /* The tape has X = xhat SW_XHAT_QMAX / sqrt(n) as an integer, so `project` X equals xhat mean(t xhat). */
+    /* The tape has X = xhat * SW_XHAT_QMAX / sqrt(n) as an integer, so project * X equals xhat * mean(t * xhat). */
     const float project = sw_float_of(along) * (1.0f / (SW_XHAT_QMAX * SW_XHAT_QMAX));
     const float mean = sw_float_of(sum) / (float)width;
     /* This bound holds for any xhat. It costs one or two bits of precision, but saves a pass over the numbers. */

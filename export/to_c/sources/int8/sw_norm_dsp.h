@@ -16,7 +16,7 @@
 /* Instructions on one line belong to one operation. */
 /* clang-format off */
 
-/* Computes u = sum scale + bias of the outputs at `at`, and the sums of u and u^2; loads the data at `next`. */
+/* Computes u = sum * scale + bias of the outputs at `at`, and the sums of u and u^2; loads the data at `next`. */
 #define SW_TWO_SUMS(at, second, next)                                                                       \
     "smmlar %[r], %[a], %[m], %[x]\n"                                                                       \
     "smmlar %[q], %[b], %[n], %[y]\n"     next                                                              \
@@ -71,7 +71,7 @@ static inline int32_t sw_norm_sums(int32_t *restrict sums, const int32_t channel
     "str %[a], [%[hidden]], #4\n"                  "usat %[h], #8, %[h], asr #4\n"                          \
     "strb %[h], [%[tape], #" other "]\n"
 
-/* Computes xhat = shift + u factor, y = gain xhat + offset, h = ELU(y) and ELU'(y). */
+/* Computes xhat = shift + u * factor, y = gain * xhat + offset, h = ELU(y) and ELU'(y). */
 static inline void sw_norm_outputs(const int32_t *restrict u, sw_tape_eight *restrict tape, int16_t *restrict hidden,
                                    const int32_t channel[][4][8], int32_t factor, int32_t shift, int width)
 {

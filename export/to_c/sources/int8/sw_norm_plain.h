@@ -22,7 +22,7 @@ static inline int32_t sw_norm_sums(int32_t *restrict sums, const int32_t channel
     return sum;
 }
 
-/* Computes xhat = shift + u factor, y = gain xhat + offset, h = ELU(y) and ELU'(y). */
+/* Computes xhat = shift + u * factor, y = gain * xhat + offset, h = ELU(y) and ELU'(y). */
 static inline void sw_norm_outputs(const int32_t *restrict u, sw_tape_eight *restrict tape, int16_t *restrict hidden,
                                    const int32_t channel[][4][8], int32_t factor, int32_t shift, int width)
 {

@@ -1,5 +1,5 @@
 /* The parameters of a trained program. The generated sw_weights.c defines the parameters that are compiled in. Matrices
- * are int8 with one scale for each output, W[o][i] ~ scale[o] q[o][i]. sw_dots.h states their layout. SW_AHEAD zeros
+ * are int8 with one scale for each output, W[o][i] ~ scale[o] * q[o][i]. sw_dots.h states their layout. SW_AHEAD zeros
  * follow each matrix, because weights are loaded ahead of their use. The adjoint has a transposed copy of each matrix.
  *
  * An activation is a scale times an int16. The scales of the forward pass are constants from a calibration. The scale
@@ -20,7 +20,7 @@
 extern const uint32_t sw_elu_points[2 * SW_ELU_START / SW_ELU_STEP];
 extern const uint32_t sw_logistic_points[2 * SW_LOGISTIC_START / SW_LOGISTIC_STEP];
 
-/* Constants of outputs, grouped in eights: value = sum scale + bias. Before a norm all constants are integers. The
+/* Constants of outputs, grouped in eights: value = sum * scale + bias. Before a norm all constants are integers. The
  * value in a unit of its layer is sw_scaled(sum, scale) + bias, and the argument of sw_elu is sw_scaled_on(offset,
  * gain, xhat). Here xhat is an integer of the tape; SW_XHAT_QMAX stands for its bound, sqrt(n) in a layer of width n.
  */
@@ -44,7 +44,7 @@ typedef struct sw_weights {
     SW_ALIGNED float force_mean[2];
     SW_ALIGNED float force_std[2];
     SW_ALIGNED float action_limit;  /* largest magnitude of an action, in U_inf W */
-    SW_ALIGNED float action_factor; /* 1 / action_std, the action's factor in the state */
+    SW_ALIGNED float action_factor; /* 1 / action_std, by which the action is multiplied */
 
     /* Encoder. LSTM gates are in the order i, f, g, o. An inverse scale is the number of integers per unit of an
      * activation. The activations are the LSTM's inputs and hidden state here, and a layer's inputs elsewhere.

@@ -8,8 +8,8 @@
  * has an answer of four numbers: the planned action, the predicted mean Cd and Cl, and the cost.
  *
  * With one file, the program prints each answer and uses its plan in the next step, as on a vehicle. With two files,
- * each answer starts from a plan of zeros and is compared with a line of the second file. The last line printed states
- * how many answers agree; the exit status is 1 if an answer differs by more than different compilers cause.
+ * each answer starts from a plan of zeros and is compared with a line of the second file. The program ends with exit
+ * status 1 at the first answer that differs by more than different compilers cause.
  */
 #include <stdio.h>
 
@@ -23,7 +23,7 @@ static sw_output output;
 /* Compilers order operations differently, so results are rounded differently. A gradient near zero may then change its
  * sign, so that a step of Adam goes in the opposite direction. The size of a step is the learning rate, 1e-3. The
  * effect of such steps on the forces depends on the plant, so forces are compared in units of their standard deviation
- * in training. A plan is not used in the next step, since a sequence of control steps can amplify these differences.
+ * in training. No answer starts from an earlier plan, because a sequence of steps can amplify differences.
  */
 static const double tolerance = 5e-3, force_tolerance = 3e-2;
 

@@ -39,7 +39,7 @@ typedef struct {
     float free[SW_HORIZON];  /* 1 if the action of the shifted plan may change, 0 if it is committed */
     float weights[SW_TERMS]; /* weights of the cost terms */
     float speed;             /* the vehicle's speed divided by the design speed */
-    float limit;             /* bound on the actions at every speed; the program's own bound also applies */
+    float limit;             /* bound on |action| in this step; the program's own bound also applies */
 } sw_input;
 
 /* The output of a control step. */
@@ -62,8 +62,8 @@ typedef enum {
  */
 sw_status sw_arithmetic(void);
 
-/* Resets the input: an empty window, no plan, every action free, the program's cost weights and action limit, and the
- * design speed. Returns the result of sw_arithmetic.
+/* Resets the input: a window of mean values, a plan of zeros, every action free, the program's cost weights and action
+ * limit, and the design speed. Returns the result of sw_arithmetic.
  */
 sw_status sw_input_reset(sw_input *input);
 
@@ -73,10 +73,10 @@ void sw_input_push(sw_input *input, const float pressures[SW_SENSORS], float pre
 /* Runs a control step. The workspace needs no preparation and holds no state between steps. */
 sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output);
 
-/* Computes a window from the program, runs a control step with all iterations on it, and compares the result with the
- * exporter's answer. Call it once at the start. Returns SW_WRONG_ARITHMETIC if result and answer differ in any bit or,
- * in a build that fuses operations, by more than fusing explains. Otherwise, or if the exporter wrote no answer,
- * returns SW_OK. Resets `input` as sw_input_reset does.
+/* Computes a window from the program's scaling, runs a control step with all iterations on it, and compares the result
+ * with the exporter's answer. Call it once at the start. Returns SW_WRONG_ARITHMETIC if result and answer differ in any
+ * bit or, in a build that fuses operations, by more than fusing explains. Otherwise, or if the exporter wrote no
+ * answer, returns the step's status. Resets `input` as sw_input_reset does.
  */
 sw_status sw_known_answer(sw_workspace *work, sw_input *input, sw_output *output);
 

@@ -51,8 +51,8 @@ static void adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], 
     }
 }
 
-/* Computes the weights for the iterations, and returns whether any of them is not 0. The prior's plan is already the
- * best for the terms with which the prior was trained (contract/controller/goal.py), so these terms get the weight 0.
+/* Computes the cost weights for the iterations, and returns whether iterations are needed. The prior's plan is already
+ * the best for the terms with which the prior was trained (contract/controller/goal.py), so they get the weight 0.
  */
 static int asked_of_iterations(float asked[SW_TERMS], const float weights[SW_TERMS])
 {

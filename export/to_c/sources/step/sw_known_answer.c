@@ -5,7 +5,7 @@
 #include "sw_arithmetic.h"
 #include "sw_weights.h"
 
-/* Largest change of an answer that fused operations may cause: absolute plus relative, as in replay.c. */
+/* Largest change by fused operations: this number (as in replay.c), plus this share of the answer. */
 #define FUSED 5e-3f
 
 /* Computes a window from the program's scaling, so that no stored data are needed. Each value is the column's mean plus

@@ -97,8 +97,8 @@ static void filter_past(sw_prior_scratch *prior, const sw_weights *w, int begin,
     }
 }
 
-/* Multiplies the last layer's weights by the gates. The gates depend on the sums of the sensors' pairs in the newest
- * rows. These sums replace the content of `rows`.
+/* Multiplies the last layer's weights by the gates. The gates depend on the sums of the two Cp of each sensor pair in
+ * the newest rows; these sums are written to `rows`.
  */
 static void take_gates(sw_prior_scratch *prior, const sw_weights *w, const float window[SW_WINDOW][SW_COLUMNS])
 {

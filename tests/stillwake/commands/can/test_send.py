@@ -8,7 +8,7 @@ from tests.can_bridge.uds.test_security import cmac
 from tests.stillwake.commands.can.virtual_bus import VIRTUAL, taken, write
 
 DECODE = {
-    "empty.log": "empty.log: holds no CAN frame",
+    "empty.log": "empty.log: contains no CAN frame",
     "cut.blf": "cut.blf: ",
     "good.log --csv good.log": "is the file to read",
     "good.log --json good.log": "--json good.log: this command reads or writes another file there",
@@ -20,20 +20,20 @@ DECODE = {
 LOAD = {
     "--set bus.background.dbc=none.dbc": "none.dbc: No such file or directory",
     "--set bus.interface=virtual": "--set bus.interface: `can load` does not use it",
-    "--json cut.blf": "--json cut.blf: exists, and holds no figures of a command; name another file",
+    "--json cut.blf": "--json cut.blf: exists, but contains no figures of a command; name another file",
     "--set bus.background.load=0.00001": "too small for one message per second",
 }
 MONITOR = {
-    "empty.log": "empty.log: holds no CAN frame",
+    "empty.log": "empty.log: contains no CAN frame",
     "": "that bus exists only within a run",
-    "empty.log --for 2": "--for: needs a bus",
+    "empty.log --for 2": "--for is only for a bus",
     "--for inf": "--for inf: must be a number above 0",
     "--set bus.interface=nonsense": "nonsense",
 }
 SEND = {
     "Pressure Pressure0=1e9": "smaller than or equal to 3276.7",
     "Pressures": "other frames, from a log",
-    "PressureSecured": "name its key with --set bus.key=FILE",
+    "PressureSecured": "give the key with --set bus.key=FILE",
     "PressureSecured --set bus.key=key.bin": "give --trip, a number of power cycles",
     "PressureSecured --trip 2 --set bus.key=no.bin": "no.bin: cannot read the key",
     "Pressure --trip 2": "Pressure has no freshness value",
