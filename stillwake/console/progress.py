@@ -58,7 +58,7 @@ class ProgressBar(Progress):
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
         """Update the task as rich does; the first update shows the bars. Raises KeyboardInterrupt if the exception of
-        an earlier SIGTERM was lost."""
+        an earlier SIGTERM or SIGHUP was lost."""
         still_wanted()
         super().update(task_id, **changes)
         if not self.live.is_started:
@@ -99,7 +99,7 @@ class ProgressLines(Progress):
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
         """Update the task as rich does, and print a line if one is due or the task is done. Raises KeyboardInterrupt if
-        the exception of an earlier SIGTERM was lost."""
+        the exception of an earlier SIGTERM or SIGHUP was lost."""
         still_wanted()
         super().update(task_id, **changes)
         with self._lock:
@@ -146,7 +146,7 @@ class Report:
         self._visible = set[str]()
 
     def __call__(self, task: str, done: float, total: float | None = None, note: str = "", *, unit: str = "") -> None:
-        """Show the progress of a task. Raises KeyboardInterrupt if the exception of an earlier SIGTERM was lost.
+        """Show the progress of a task. Raises KeyboardInterrupt if the exception of an earlier SIGTERM or SIGHUP was lost.
 
         Args:
             task: name of the task.

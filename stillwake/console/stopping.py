@@ -67,7 +67,7 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
 
     The first signal does not interrupt the work, so that files are completed; a second signal interrupts the work. Only
     the main thread may handle signals; in another thread no signal stops the work. Raises KeyboardInterrupt if the
-    exception of an earlier SIGTERM was lost.
+    exception of an earlier SIGTERM or SIGHUP was lost.
     """
     if current_thread() is not main_thread():
         yield lambda: False
@@ -95,7 +95,7 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
 
 
 def still_wanted() -> None:
-    """Raise KeyboardInterrupt in the main thread if the exception of an earlier SIGTERM was lost."""
+    """Raise KeyboardInterrupt in the main thread if the exception of an earlier SIGTERM or SIGHUP was lost."""
     if _asked and not _is_left_to_work and current_thread() is main_thread():
         raise KeyboardInterrupt
 
