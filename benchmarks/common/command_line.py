@@ -32,7 +32,7 @@ bars: Final = make_console(stderr=True)
 
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the figures and their settings here, too.")]
 Parts = Annotated[Path, typer.Option("--parts", help="Folder of finished parts; a stopped run continues.")]
-Phases = Annotated[int, typer.Option(min=1, max=25, help="Number of starts, spread over a shedding cycle.")]
+Phases = Annotated[int, typer.Option(min=1, max=25, help="Number of starting phases in a shedding cycle.")]
 Workers = Annotated[int, typer.Option(min=1, max=16, help="Number of processes for the runs.")]
 Release = Annotated[Path, typer.Option(help="Another release in place of the shipped one.")]
 

@@ -59,7 +59,7 @@ iterations."""
 def main(
     json_file: JsonFile = None,
     parts: Parts = Path("runs/iterations"),
-    phases: Annotated[int, typer.Option(min=2, max=25, help="Number of starts, spread over a shedding cycle.")] = 3,
+    phases: Annotated[int, typer.Option(min=2, max=25, help="Number of starting phases in a shedding cycle.")] = 3,
     workers: Workers = 1,
     bundle: Release = BUNDLE,
 ) -> None:

@@ -146,7 +146,7 @@ class Report:
         self._visible = set[str]()
 
     def __call__(self, task: str, done: float, total: float | None = None, note: str = "", *, unit: str = "") -> None:
-        """Show the progress of a task. Raises KeyboardInterrupt if the exception of an earlier SIGTERM or SIGHUP was lost.
+        """Show the progress of a task. Raises KeyboardInterrupt if the exception of a signal was lost.
 
         Args:
             task: name of the task.
