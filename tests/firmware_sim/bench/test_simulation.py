@@ -205,7 +205,7 @@ def test_a_plant_that_cannot_be_disturbed_is_refused_and_one_that_fails_is_given
         def advance_to(self, substep, action=None):
             raise ArithmeticError
 
-    with pytest.raises(ConfigError, match="this plant's flow cannot change"):
+    with pytest.raises(ConfigError, match="this plant cannot change its flow"):
         Run("reynolds=700", plant=Bare(CONFIG.flow.substeps))
     with pytest.raises(ConfigError, match="drive up: this plant has a constant speed"):
         Run(drive=UP)
