@@ -39,16 +39,16 @@ def run_closed_loop(
     report: Callable[[RunFolder], object] = lambda folder: None,
     **parts: Any,
 ) -> RunLog:
-    """Run a wake under the bundle's controller and write the results to `output`. Raises StillwakeError if the folder
-    cannot be written, or as `Simulation` does. `Simulation` and `Simulation.run` explain the arguments that are not
-    listed here.
+    """Run a wake under the bundle's controller and write the results to `output`. `Simulation` and `Simulation.run`
+    explain the arguments that are not listed here, and the errors that they raise. Raises StillwakeError also if the
+    folder cannot be written.
 
     Args:
         output: run folder (`firmware_sim.runs.run_log`), created if it does not exist. An earlier run in this folder
             is replaced when the new run is complete.
         plant: context manager that this function enters to get the wake; if None, the shipped wake in the built-in
             solver. With a drive, the flow's time steps (`config.flow`) must be short enough for the drive's speeds.
-        report: called with the folder when all its other files are written, to write further files.
+        report: called with the folder after all other files have been written; the function may write more files.
     """
     # This import takes a second, because python-can loads all its log writers. So the import is inside the function.
     from can_bridge.logs.candump_log import recording

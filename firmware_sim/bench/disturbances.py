@@ -3,15 +3,15 @@ run's start.
 
     noise:level=0.5                        on every transducer
     stuck:sensor=base_7@2..5               on one transducer, from 2 s to just before 5 s
-    ecu:drop:probability=0.3               on the frames in a node's port: NODE:FAULT, see `can_bridge.bus.faults.text`
+    ecu:drop:probability=0.3               on the frames of one node: NODE:FAULT, see `can_bridge.bus.faults.text`
     wire_errors:bit_error_rate=1,node=ecu@2..2.01
     reset@4                                once, at 4 s of the run
     reynolds=700                           a Reynolds number other than in the training
     body:length=1                          a body other than in the training
     gust:amplitude=0.1,period=20
 
-A disturbance is plain data; `disturbing.py` applies it. The sensors that it names must be sensors of the bundle,
-because the ECU reads only these sensors. Levels are in global deviations of pressure
+The classes here only describe disturbances; `disturbing.py` applies them. A disturbance can name only sensors of the
+bundle, because the ECU reads no other sensors. Levels are in global deviations of pressure
 (`firmware_sim.bench.sensor_faults`).
 """
 
@@ -41,7 +41,7 @@ Share = Annotated[T, Rule(wording="above 0 and at most 1", holds=lambda value: 0
 
 @dataclass(frozen=True, kw_only=True)
 class NodeFault:
-    """A fault in the port of one node."""
+    """A fault that acts on the frames at the bus port of one node."""
 
     text: str
     node: str
@@ -50,13 +50,13 @@ class NodeFault:
 
 @dataclass(frozen=True, kw_only=True)
 class WireNoise(Span, section="wire_errors"):
-    """A span with bit errors on the bus: CAN detects them, repeats the frame, and counts errors up to bus-off."""
+    """A span with bit errors on the bus. CAN detects them, sends the frame again, and counts errors until bus-off."""
 
     bit_error_rate: Probability[float]
-    """Probability that a bit is wrong, independent for each bit."""
+    """Probability that a bit is wrong; bits are independent of each other."""
     node: Literal["all", "vehicle", "ecu"] = "all"
     at: Literal["send", "receive"] = "send"
-    """Where errors occur. send: all nodes see the errors, in frames of `node`; receive: only `node` sees the errors."""
+    """Place of the errors. send: in frames that `node` sends, so that all nodes see them; receive: only at `node`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,15 +84,15 @@ class NoRequest(Span, section="no_request"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reynolds(Span, section="reynolds"):
-    """A Reynolds number U_inf W / nu of the flow that differs from `flow.reynolds`."""
+    """A flow whose Reynolds number U_inf W / nu differs from `flow.reynolds`."""
 
     reynolds: Positive[float]
 
 
 @dataclass(frozen=True, kw_only=True)
 class OtherBody(Span, section="body"):
-    """A body other than the release's body, for a whole run of the built-in solver. The fields are settings of
-    `body`, in W. The sensors keep their names and lie on this body. The ECU does not know this body."""
+    """A body that replaces the release's body in the built-in solver for a whole run. The fields replace the settings
+    of the same names in `body`, in W. The sensors keep their names, but lie on this body. The ECU does not know it."""
 
     length: Finite[float]
     leading_edge_radius: NonNegative[float] = 0.0
@@ -109,10 +109,10 @@ class OtherBody(Span, section="body"):
 
 @dataclass(frozen=True, kw_only=True)
 class GustyWind(Span, section="gust"):
-    """A gust: the wind against the vehicle is U(t) = U_inf (1 + amplitude sin(2 pi t / period)).
+    """A gust: the wind against the vehicle is `U(t) = U_inf * (1 + amplitude * sin(2 * pi * t / period))`.
 
     `wake.plant.drive` defines the frame of reference; the period is in t_c. Forces, pressures and jet actions remain in
-    units of the mean U_inf. The gust ends with its last whole period in the span.
+    units of the mean U_inf. The gust lasts for the largest number of whole periods that fits into the span.
     """
 
     amplitude: Below[float]
@@ -121,7 +121,7 @@ class GustyWind(Span, section="gust"):
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePoint(Span, section="operating_point"):
-    """The vehicle's speed in m/s and the air's density in kg/m3; None means the ECU's `operating_point`. Both scale
+    """A speed in m/s or air density in kg/m3 unknown to the ECU; None keeps the value of `operating_point`. Both scale
     the pressures in Pa. The speed also scales the jets' flow rates in m2/s, but not the Reynolds number."""
 
     speed: float | None = None
@@ -133,21 +133,21 @@ class VehiclePoint(Span, section="operating_point"):
         self.instead_of(OperatingPoint())
 
     def instead_of(self, point: OperatingPoint) -> OperatingPoint:
-        """Return `point` with these values. Raises ConfigError for a value that no operating point may have."""
+        """Return `point` with these values. Raises ConfigError if a value is not allowed in an operating point."""
         given = {"speed": self.speed, "density": self.density}
         return replace(point, **{name: value for name, value in given.items() if value is not None})
 
 
 @dataclass(frozen=True, kw_only=True)
 class ActionLimit(Span, section="action_limit"):
-    """A limit at which the jets saturate, as a share of `flow.action_limit`, the limit that is set in the ECU."""
+    """A limit at which the jets saturate, as a share of `flow.action_limit`, the limit that the ECU assumes."""
 
     action_limit: Share[float]
 
 
 @dataclass(frozen=True, kw_only=True)
 class StuckJets(Span, section="stuck_jets"):
-    """A stuck actuator: the jets keep one action, a share of `flow.action_limit`, and commands have no effect."""
+    """A stuck actuator: commands do not change the jets' action, which is given as a share of `flow.action_limit`."""
 
     stuck_jets: Annotated[Finite[float], Rule(wording="between -1 and 1", holds=lambda value: -1 <= value <= 1)]
 
@@ -161,7 +161,7 @@ class SpeedScale(Span, section="speed_scale"):
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedLate(Span, section="speed_late"):
-    """A late speed signal. Its age in s is rounded to whole control periods; its frames do not state the age."""
+    """A late speed signal. The delay in s is rounded to whole control periods; the frames do not state it."""
 
     speed_late: NonNegative[float]
 
@@ -178,8 +178,7 @@ class NoSpeed(Span, section="no_speed"):
 
 @dataclass(frozen=True, kw_only=True)
 class Density(Span, section="density"):
-    """A density of the air in kg/m3 that differs from the ECU's settings. It scales the pressures, but not the jets'
-    flow."""
+    """An air density in kg/m3 that differs from the ECU's settings. It scales the pressures, but not the jets' flow."""
 
     density: Positive[float]
     stated: bool = False
@@ -190,7 +189,7 @@ class Density(Span, section="density"):
         self.instead_of(OperatingPoint())
 
     def instead_of(self, point: OperatingPoint) -> OperatingPoint:
-        """Return `point` with this density. Raises ConfigError for a density that no operating point may have."""
+        """Return `point` with this density. Raises ConfigError if it is not allowed in an operating point."""
         return replace(point, density=self.density)
 
 
@@ -203,7 +202,7 @@ KINDS: Final[dict[str, type[Span]]] = {
         *(SpeedScale, SpeedLate, SpeedFrozen, NoSpeed, Density),
     )
 }
-"""Class of each kind of disturbance, by the first word of its text. A `NodeFault` begins with a node's name instead."""
+"""Classes of disturbances by the first word of their texts. The text of a `NodeFault` begins with the node's name."""
 
 Disturbance = NodeFault | Span
 
@@ -225,8 +224,8 @@ class Disturbances:
 
     Attributes:
         items: disturbances in the order given. Each has its own random sequence, numbered by its index. Disturbances of
-            the sensors are applied in this order. In a port, the first disturbance is closest to the bus. Gusts add up,
-            speed factors multiply; of other disturbances of one kind on flow or vehicle, only the last has an effect.
+            the sensors are applied in this order. In a port, the first disturbance is closest to the bus. Gusts are
+            added, speed factors multiplied. If other disturbances of one kind set the same value, the last one applies.
     """
 
     items: tuple[Disturbance, ...] = field(default=())
@@ -254,14 +253,14 @@ class Disturbances:
         for one, text in zip(self.items, self.texts, strict=True):
             noun, span = ("fault", one.fault) if isinstance(one, NodeFault) else ("disturbance", one)
             if span.start_s >= duration_s:
-                raise ConfigError(f"{noun} {text!r}: begins after the end of the run, at {duration_s:g} s")
+                raise ConfigError(f"{noun} {text!r}: begins after the end of the run ({duration_s:g} s)")
             computes_crc = isinstance(span, FlipBits) and span.before_crc
             if config.bus.key and (computes_crc or (isinstance(span, StuckAt) and span.counter_runs)):
-                raise ConfigError(f"fault {text!r}: builds new frames, so it cannot act with bus.key")
+                raise ConfigError(f"fault {text!r}: builds new frames, but cannot authenticate them for bus.key")
             for name in one.named if isinstance(one, SensorDisturbance) else ():
                 if name not in sensors:
                     used = ", ".join(sensors)
-                    raise ConfigError(f"disturbance {text!r}: {name} is not in use; the sensors are {used}")
+                    raise ConfigError(f"disturbance {text!r}: {name} must be a sensor of the bundle: {used}")
             if isinstance(one, GustyWind):
                 whole_cycles(one, config.operating_point.convective_time)
 
@@ -273,6 +272,6 @@ def whole_cycles(gust: GustyWind, convective_time: float) -> float:
     lasts_s, period_s = gust.end_s - gust.start_s, gust.period * convective_time
     if (cycles := floor(lasts_s / period_s + 1e-9)) < 1:
         raise ConfigError(
-            f"disturbance {text_of(gust)!r}: lasts {lasts_s:g} s, must be at least its period, {period_s:g} s"
+            f"disturbance {text_of(gust)!r}: lasts {lasts_s:g} s, must last at least one period of {period_s:g} s"
         )
     return cycles

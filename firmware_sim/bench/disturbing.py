@@ -33,7 +33,7 @@ from wake.plant.sample import Sample
 S = TypeVar("S", bound=Span)
 
 PORT_NAMES: Final = {"vehicle": "vehicle", "ecu": "ECU"}
-"""Names of the nodes on the simulated bus."""
+"""Names of the nodes' ports on the simulated bus, by the nodes' names in disturbances."""
 LOOK_NS: Final = 1_000_000
 """Time in ns between two events that port faults add to the bus, so that ports release delayed frames in time."""
 
@@ -43,7 +43,7 @@ class NodeFaults:
 
     Args:
         faults: faults of all nodes; the first fault of a node is closest to the bus.
-        before: number of random sequences that each node's port already uses before these faults.
+        before: numbers of random sequences that the nodes' ports already use, by node; these faults use the next ones.
     """
 
     def __init__(self, faults: Sequence[NodeFault], bus: SimulatedBus, seed: int, before: Mapping[str, int]) -> None:
@@ -73,20 +73,20 @@ class NodeFaults:
         return [next(injectors[one.node]).acted for one in self._faults]
 
     def end(self) -> None:
-        """Stop the periodic calls of the ports. Then the ports' faults act only when a node uses its port."""
+        """Stop the periodic calls of the ports. From then on, faults act only when a node uses its port."""
         self._ended = True
 
     def _look(self) -> None:
         if self._ended:
             return
-        # This call is also an event of the bus, after which the loop checks whether the ECU has received pressures.
+        # The bus runs this function as an event. After each event, the loop checks whether the ECU received pressures.
         for port in self._babbling:
             port.look()
         self._bus.call_at(self._bus.now_ns + LOOK_NS, self._look)
 
 
 class _Babbling(WrappedBus):
-    """A port with a babbling fault. Between the node's calls, it also sends frames and stores the received frames."""
+    """A port with a babbling fault, which also sends, receives and stores frames between the node's calls."""
 
     def __init__(self, port: Bus) -> None:
         super().__init__(port)
@@ -105,8 +105,8 @@ class Disturbing:
 
     Args:
         sensors: names of the sensors, in the order of the readings.
-        before: numbers of random sequences that earlier disturbances use. The value of "all" is the total number; the
-            value of a node's name is the number in that node's port.
+        before: numbers of random sequences that earlier disturbances use: by "all" in total, by a node's name in the
+            node's port.
     """
 
     def __init__(
@@ -153,7 +153,7 @@ class Disturbing:
                 errors = WireErrors(
                     bit_error_rate=one.bit_error_rate, nodes=nodes, start_s=one.start_s, end_s=one.end_s
                 )
-                # The hook's random numbers depend only on this seed, so the seed includes the disturbance's index.
+                # The seed includes the disturbance's index, so that each disturbance draws different random numbers.
                 hooks[place] = errors.hook(len(self._items) * self._seed + place)
 
         def first_wrong_bit(frame: Frame, node: str, begin_ns: int) -> int | None:
@@ -189,7 +189,7 @@ class Disturbing:
         return enable_request and not list(self._acting(kinds.NoRequest, now_ns))
 
     def before_period(self, now_ns: int, node: VehicleNode) -> None:
-        """Set the vehicle's properties that disturbances change in the period that starts now."""
+        """Set those properties of the vehicle that disturbances change, for the period that starts now."""
         full = self._config.flow.action_limit
         point, limit, stuck_at = self._config.operating_point, full, None
         for _, vehicle in self._acting(kinds.VehiclePoint, now_ns):
@@ -228,12 +228,12 @@ class Disturbing:
 
     @contextmanager
     def in_flow(self, plant: Plant) -> Iterator[None]:
-        """Add the gusts to the wind of a plant at the start of the run; afterwards restore wind and Reynolds number."""
+        """Add the gusts to the plant's wind for a block that begins with the run; then restore wind and viscosity."""
         if not any(isinstance(one, kinds.Reynolds | kinds.GustyWind) for one in self._items):
             yield
             return
         if not isinstance(plant, Disturbable):
-            raise ConfigError("reynolds, gust: this plant's flow cannot change (`wake.plant.protocol.Disturbable`)")
+            raise ConfigError("reynolds, gust: this plant cannot change its flow (`wake.plant.protocol.Disturbable`)")
         t_c, gusts = self._config.operating_point.convective_time, []
         for _, one in self._each(kinds.GustyWind):
             cycles, start = kinds.whole_cycles(one, t_c), plant.t + one.start_s / t_c
@@ -255,7 +255,7 @@ class Disturbing:
         try:
             yield
         except BaseException:
-            # A failed plant may refuse the old viscosity; the user needs the first error, so the second is suppressed.
+            # If the plant failed, restoring its viscosity may fail too; the user needs only the first error.
             with suppress(PlantError):
                 restore()
             raise
@@ -271,7 +271,7 @@ class Disturbing:
         return ((place, one) for place, one in enumerate(self._items) if isinstance(one, kind))
 
     def _acting(self, kind: type[S], now_ns: int) -> Iterator[tuple[int, S]]:
-        """Return and count the disturbances of a kind that act now."""
+        """Yield the disturbances of a kind that act now, each with its index, and count that they acted."""
         for place, one in self._each(kind):
             if one.is_active(now_ns):
                 self._acted[place] += 1
@@ -280,8 +280,8 @@ class Disturbing:
 
 @contextmanager
 def driving(plant: Plant, drive: Drive, config: Config) -> Iterator[Drivable]:
-    """Make the plant's inflow follow the drive from now on, while the block runs. The wake is scaled to the first
-    speed, and adapts to it in the time without control. Raises ConfigError if the plant cannot change its speed."""
+    """Make the plant's inflow follow the drive while the block runs. At the start, the wake is scaled to the drive's
+    first speed; it adapts fully during the time without control. Raises ConfigError if the plant's speed is fixed."""
     if not isinstance(plant, Drivable):
         raise ConfigError(f"drive {drive.name}: this plant has a constant speed (`wake.plant.protocol.Drivable`)")
     wind, first = plant.wind, drive.speeds[0] / config.operating_point.speed
@@ -308,7 +308,7 @@ def uncontrolled(plant: Plant, disturbing: Disturbing, config: Config, periods: 
 def without_control(
     plant: Drivable, disturbing: Disturbing, config: Config, periods: int, progress: Callable[[int, int], None]
 ) -> dict[str, Array]:
-    """Compute the series `WITHOUT` with shut jets; restore the state. `progress` gets (periods done, all periods)."""
+    """Compute the series `WITHOUT` with shut jets; then restore the state. `progress` gets (periods done, total)."""
     start, rows = plant.state(), np.empty((periods, len(WITHOUT)))
     for k, sample in enumerate(uncontrolled(plant, disturbing, config, periods)):
         rows[k] = sample.Cd, sample.Cd_net, sample.Cl

@@ -12,28 +12,28 @@ from ecu.stepped import LoopEcu
 
 C: Final = "c"
 MCU: Final = "mcu"
-"""Name of the option with which the ECU's whole firmware runs on an emulated board with a Cortex-M7."""
+"""Kind of an ECU whose whole firmware runs on an emulated board with a Cortex-M7."""
 CLOCKS_MHZ: Final = (1.0, 10_000.0)
-"""Range of accepted clock rates. At lower rates a control step takes seconds; no core has a higher rate."""
+"""Lowest and highest accepted clock rate. At lower rates a control step takes seconds; no real core is faster."""
 
 
 def check_ecu(kind: str, clock_mhz: float) -> None:
-    """Check a kind and a clock. Raises ConfigError for a clock outside `CLOCKS_MHZ`, LibraryError without a compiler
-    for C, ModuleNotFoundError without the emulator (extra mcu)."""
+    """Check that an ECU of this kind can be created. Raises LibraryError if there is no compiler for the kind C; for
+    the kind MCU, ConfigError for a clock outside `CLOCKS_MHZ`, ModuleNotFoundError without the emulator (extra mcu)."""
     if kind == C:
         host_compiler()
         return
     lowest, highest = CLOCKS_MHZ
     if not lowest <= clock_mhz <= highest:
-        raise ConfigError(f"a clock of {clock_mhz:g} MHz: must be in {lowest:g}..{highest:g}")
+        raise ConfigError(f"a clock of {clock_mhz:g} MHz: must be in {lowest:g}..{highest:g} MHz")
     import_module("firmware_sim.mcu.board.board_ecu")
 
 
 def loop_ecu(
     kind: str, sources: Mapping[str, bytes], *, clock_mhz: float = 480.0, secret: bytes | None = None
 ) -> LoopEcu:
-    """Return an ECU in C that has just been powered on, of the kind C or MCU. Raises errors as `check_ecu`
-    does; LibraryError if the sources contain no ECU; McuError if they do not compile for the core.
+    """Return a newly powered-on ECU in C: compiled for this machine (kind C) or on the emulated board (kind MCU).
+    Raises the errors of `check_ecu`; LibraryError if the sources contain no ECU; McuError if they do not compile.
 
     Args:
         sources: result of `ecu.in_c.c_ecu.ecu_sources`.
@@ -44,7 +44,7 @@ def loop_ecu(
         host = CEcu(sources, secret=secret)
         return LoopEcu(ecu=host, kind=kind, computed_by=f"C99 {precision}, {host.description}")
     check_ecu(kind, clock_mhz)
-    # This import is inside the function, because the emulator is installed only with an extra.
+    # This import is inside the function, because the emulator is an optional dependency (extra mcu).
     from firmware_sim.mcu.board.board_ecu import BoardEcu
 
     core = BoardEcu(sources, clock_mhz=clock_mhz, secret=secret)

@@ -1,14 +1,14 @@
-"""The invariants of every control period under any disturbance; their checks use only the frames and the plant.
+"""The invariants that hold in every control period under any disturbance; the checks see only frames and plant.
 
 On the bus, for every JetCommand that the ECU sends:
 
     bus_bounds      the flow is within the action limit; the flow is 0 if `Enable` is off, and `Enable` is on only in
                     modes that drive the jets
     bus_rate        the flow differs from the previous flow by at most `ecu.command_step`, unless it goes to 0
-    bus_age         in CONTROL the command's pressures are at most `ecu.pressure_age` old, as far as the ECU can tell;
-                    in HOLD and DECAY their largest age follows from `ecu.hold_periods` and `ecu.decay_periods`
-    enable_edge     after OFF, FAULT or a restart (visible in the counter) there is no control before the ECU has
-                    received a low request and then a high request
+    bus_age         in CONTROL the command's pressures are at most `ecu.pressure_age` periods old, as far as the ECU can
+                    tell; in HOLD and DECAY the largest age follows from `ecu.hold_periods` and `ecu.decay_periods`
+    enable_edge     after OFF, FAULT or a restart (visible in the command's counter), the ECU prepares or takes control
+                    only after it has received a frame without a request and then a frame with a request
 
 At the jets, for the action reached at the end of every period:
 
@@ -17,7 +17,7 @@ At the jets, for the action reached at the end of every period:
                     before it, within the time for which the vehicle keeps the last command's action
     jets_request    the action is 0 if the vehicle did not want control
     jets_losses     the action is 0 after `vehicle.loss_limit` of the latest `vehicle.loss_window` periods under control
-                    had no command, until the vehicle does not want control
+                    had no command, until the vehicle withdraws its request
     jets_bounds     the action is within the action limit
     jets_rate       the action differs from the previous action by at most `vehicle.action_step`, unless it is 0
 
@@ -52,8 +52,8 @@ _WANTED: Final = DRIVING | {Mode.WARMUP}
 """Modes of an ECU that was asked for control and has no latched fault."""
 
 AGE_TOLERANCE: Final = 0.01
-"""Tolerance of ages as a share of a period. Two errors of an age are far smaller: clocks whose rates differ by 200 ppm,
-and the time from a frame's arrival to the reading of the bus."""
+"""Tolerance of ages, as a share of a period. It is far larger than the known errors of an age: those from clock rates
+that differ by 200 ppm, and from the time between a frame's arrival and the reading of the bus."""
 ROUNDING: Final = 1e-9
 """Tolerance for the rounding of floating-point numbers that are compared with a limit."""
 
@@ -68,8 +68,8 @@ class Violation:
 
 
 class HeardCommand(NamedTuple):
-    """A command without errors. The fields state whether its mode shows a request for control, whether it is enabled in
-    a mode that drives the jets, and whether it was computed from recent pressures of this vehicle."""
+    """A command without errors. wanted: its mode shows a request for control. drives: it is enabled, in a mode that
+    drives the jets. in_time: it was computed from recent pressures of this vehicle."""
 
     counter: int
     wanted: bool
@@ -78,8 +78,8 @@ class HeardCommand(NamedTuple):
 
 
 class _Period(NamedTuple):
-    """The commands of a period. drives: a command may drive the jets. old: a command's pressures are too old for this.
-    shuts: no command may drive the jets, and the vehicle certainly accepted the last command."""
+    """The commands of a period. drives: a command may drive the jets. old: a command could drive them, but its
+    pressures are too old. shuts: no command may drive the jets, and the vehicle certainly accepted the last command."""
 
     drives: bool
     old: bool
@@ -87,7 +87,7 @@ class _Period(NamedTuple):
 
 
 class Commands:
-    """The checks of an ECU's commanded flow rates; `bus_shut` is the part of `bus_bounds` for modes and `Enable`."""
+    """The checks of an ECU's commanded flow rates. `bus_shut` stands for the conditions of `bus_bounds` on `Enable`."""
 
     def __init__(self, config: Config) -> None:
         scale = config.operating_point.flow_rate_scale
@@ -95,12 +95,12 @@ class Commands:
         self.flow = 0.0
 
     def reach(self, share: float = 1.0) -> float:
-        """Return the largest allowed change of flow rate in m2/s in a share of a period, plus the resolution."""
+        """Return the largest allowed change of flow rate within `share` of a period, plus the resolution, in m2/s."""
         return self._step * share + FLOW_RESOLUTION_M2_PER_S
 
     def broken(self, flow: float, *, enable: bool, drives: bool, share: float = 1.0) -> Iterator[tuple[str, str]]:
-        """Yield name and values of each invariant that the next command violates. `share`, at most 1, is the part of a
-        period since the previous command."""
+        """Yield (name, values) of each invariant that the next command violates. `share`, at most 1, is the time since
+        the previous command, in periods."""
         before, self.flow = self.flow, flow
         if abs(flow) > self._limit + ROUNDING:
             yield "bus_bounds", f"{flow:g} m2/s, limit {self._limit:g}"
@@ -130,7 +130,7 @@ class Jets:
         self._heard: deque[_Period] = deque(maxlen=self._decides_after + self._hold + 1)
         self._requested: deque[bool] = deque(maxlen=1 + self._late)
         self._gave_up: deque[bool] = deque([False], maxlen=1 + self._late)
-        self._silent: deque[bool] = deque(maxlen=self._loss_window)  # for each period surely under control: no command
+        self._silent: deque[bool] = deque(maxlen=self._loss_window)  # whether a period under control had no command
         self._counter: int | None = None
         self._sound = 0  # consecutive periods with only the expected command
         self._action = 0.0
@@ -148,7 +148,7 @@ class Jets:
         self._sound = self._sound + 1 if len(commands) == 1 and last is not None else 0
         known = [command for command in commands if command is not None]
         drives = any(command.drives and command.in_time for command in known)
-        # The E2E state depends only on the latest frames. If they had no errors, the vehicle accepts the next frame.
+        # The receiver's E2E state depends only on the latest frames: if these had no errors, it accepts the next frame.
         believed = last is not None and self._sound > self._e2e_window
         old = any(command.drives and not command.in_time for command in known)
         self._heard.append(_Period(drives=drives, old=old, shuts=believed and not drives))
@@ -160,7 +160,7 @@ class Jets:
         self._gave_up.append(requested and (self._gave_up[-1] or sum(self._silent) >= self._loss_limit))
 
     def broken(self, action: float) -> Iterator[tuple[str, str]]:
-        """Yield name and values of each invariant that the action at the latest period's end violates."""
+        """Yield (name, values) of each invariant that the action at the end of the latest period violates."""
         before, self._action = self._action, action
         if not self._heard:
             return
@@ -190,8 +190,8 @@ class Invariants:
     the nodes. Its methods are called in the order of time.
 
     Args:
-        hidden_ns: time in ns by which the pressures of a command may be older than the ECU can detect; see `of`.
-        drift: growth of this time, as a share of the run's time, because the ECU's clock is fast.
+        hidden_ns: time in ns by which a command's pressures may be older than they appear to the ECU; see `of`.
+        drift: rate at which this time grows because the ECU's clock is fast, in s per s.
         jets_follow: whether the jets' actuator moves; the jets are not checked if the actuator is stuck.
     """
 
@@ -207,14 +207,14 @@ class Invariants:
         self._was_wanted = self._low_heard = self._edge_heard = False
         self._jets = Jets(config)
         self._sampled: dict[int, tuple[int, int]] = {}  # counter of a Pressure frame: (period, time in ns)
-        self._reached: dict[int, int] = {}  # the same: time stamp in ns of the first frame that the ECU received
+        self._reached: dict[int, int] = {}  # the same counter: time stamp in ns of the first frame at the ECU
         self._arrived: list[Frame] = []
 
     @classmethod
     def of(cls, config: Config, disturbances: Disturbances) -> Self:
         """Return the invariants of a run with these disturbances.
 
-        Time stamps from an ECU clock that is ahead hide the age of pressures from the ECU.
+        Pressures stamped while the ECU's clock was ahead appear younger than they are; the check of ages allows for it.
         """
         hidden_s = drift = 0.0
         for one in disturbances.items:
@@ -225,7 +225,7 @@ class Invariants:
         return cls(config, hidden_ns=round(hidden_s * NS), drift=drift, jets_follow=jets_follow)
 
     def frame(self, frame: Frame, *, node: str, sent: bool, now_ns: int) -> None:
-        """Check a frame that the node's software sent or received now. Faults act between software and bus."""
+        """Check a frame that the node's software sends or receives now; a port's faults act between it and the bus."""
         if node == "vehicle":
             if sent and self._pressure.spec.names(frame):
                 self._sampled[profile_of(self._pressure.spec).counter_of(frame.data)] = self._period, now_ns
@@ -242,7 +242,7 @@ class Invariants:
             self._low_heard |= not pressure.enable_request
 
     def period(self, sample: Sample, *, requested: bool) -> None:
-        """End a control period. `sample` is from its start; `requested` is whether the vehicle requested control."""
+        """End a control period. `sample` is from the period's start, `requested` whether the vehicle wanted control."""
         self.finished(sample)
         frames, self._arrived = self._arrived, []
         self._jets.heard([self._read(frame) for frame in frames], requested=requested)
@@ -291,8 +291,8 @@ class Invariants:
         if sampled is None:
             self._broken("bus_age", f"{command.mode.name} is based on pressures that were not sent (counter {counter})")
             return
-        # A gateway that gives delayed frames new time stamps, a wait for the bus, and a transmit buffer that is sent
-        # again hide the age before the time stamp. The vehicle's jets are checked against the true age.
+        # The ECU does not see a delay before a frame's time stamp: in a gateway that gives new time stamps, in a wait
+        # for the bus, or in a transmit buffer that is sent again. The checks of the vehicle's jets use the true age.
         known_ns = max(sampled[1], self._reached.get(-1 if counter is None else counter, 0))
         age_ns = now_ns - round(ecu.compute_time_ms * 1e6) - known_ns
         if age_ns > (oldest + AGE_TOLERANCE) * period_ns + self._hidden_ns + self._drift * now_ns:
@@ -303,7 +303,7 @@ class Invariants:
 
 
 def parsed(message: Message[T], frame: Frame) -> T | None:
-    """Return the content of a frame; None if the frame is another message or has a wrong end-to-end CRC."""
+    """Return the content of a frame; None if it belongs to another message or has a wrong end-to-end CRC."""
     spec = message.spec
     if not spec.names(frame) or len(frame.data) != spec.length:
         return None

@@ -1,8 +1,8 @@
 """The faults of the transducers' readings: their descriptions, and the functions that apply the faults.
 
-The function of a fault is called in the order of time with readings in Cp at the S sensors, either one frame, shape
-(S,), or n frames, shape (n, S). It returns the faulty readings and leaves its argument unchanged. The function counts
-the frames, so one call for n frames and n calls for one frame give the same readings.
+The function of a fault is called in the order of time with readings in Cp at the S sensors, of one instant, shape (S,),
+or of n instants, shape (n, S). It returns the faulty readings and leaves its argument unchanged. The function counts
+the instants, so one call for n instants and n calls for one instant give the same readings.
 
 Levels are in global deviations. The global deviation is the standard deviation of all 90 pressures taken together, each
 about its own mean (paper, appendix B). So a level is the same difference of Cp at every sensor. The paper has no bias,
@@ -97,7 +97,7 @@ class Drift(OneSensor, section="drift"):
     """Time in s in which the offset grows to its final value."""
 
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
-        # A drift that takes less than a period is whole from the second reading on.
+        # A drift that takes less than a period reaches its final value at the second reading.
         grows, step = max(1, round(self.over_s * NS / config.period_ns)), 0
 
         def drifted(cp: Array) -> Array:
@@ -112,7 +112,7 @@ class Drift(OneSensor, section="drift"):
 
 @dataclass(frozen=True, kw_only=True)
 class Stuck(OneSensor, section="stuck"):
-    """A sensor that repeats the first reading that it had in the span."""
+    """A sensor that repeats its first reading in the span."""
 
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
         first: list[Array] = []
@@ -138,7 +138,7 @@ class Swap(SensorDisturbance, section="swap"):
     """An exchange of the readings of two sensors."""
 
     sensors: tuple[str, ...]
-    """Names of the two sensors, joined by +."""
+    """Names of the two sensors; in a text they are joined by +."""
 
     @property
     def named(self) -> tuple[str, ...]:

@@ -43,7 +43,7 @@ from wake.plant.drive import Drive
 from wake.plant.protocol import LoopPlant
 
 WARM_UP_PLANS: Final = 3
-"""Number of control steps on zeros before the run, as at an ECU's boot: ONNX Runtime's first steps allocate memory."""
+"""Number of control steps with zero inputs before the run, as at boot: ONNX Runtime's first steps allocate memory."""
 SHEDDING_TIME: Final = 5.0
 """Length in t_c of a shedding cycle of the truck's wake, from its Strouhal number of 0.2."""
 _LONGEST: Final = 1e6
@@ -53,7 +53,7 @@ CYCLES: Final = 2
 
 
 class Disturbs(Protocol):
-    """The interface of the disturbances of a loop's parts; `firmware_sim.bench.disturbing.Disturbing` implements it."""
+    """The interface of disturbances to a loop, which `firmware_sim.bench.disturbing.Disturbing` implements."""
 
     @property
     def corrupts(self) -> Corrupts | None:
@@ -75,7 +75,7 @@ class Disturbs(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class WatchedBus:
-    """A node's port that shows each frame to an observer."""
+    """A node's port that also passes each frame to an observer."""
 
     port: Bus
     node: str
@@ -189,7 +189,7 @@ class Spans:
         if not self.averages:
             return
         least = CYCLES * SHEDDING_TIME
-        remedy = f"must be at least {least:g} t_c, {CYCLES} shedding cycles, for averages; without them: --no-averages"
+        remedy = f"must be at least {least:g} t_c ({CYCLES} shedding cycles) for averages, or give --no-averages"
         if self.lead_in < least:
             raise StillwakeError(f"--lead-in = {self.lead_in:g}: {remedy}")
         if round(left := self.controlled - self.settle, 9) < least:
@@ -216,8 +216,8 @@ class Simulation:
         controller: computes the bundle's control step; if None, ONNX Runtime computes it.
         calibration: values that the ECU gets before its first step; if None, its default values.
         ecu: ECU that is used in place of the ECU in Python; `controller` is then unused.
-        drive: the vehicle's speeds from the request for control on; before, the first speed holds. If None, the
-            operating point's speed holds. With a drive, the log has totals of the drive instead of averages.
+        drive: the vehicle's speeds from the request for control on; before the request, its first speed holds. If None,
+            the speed is the operating point's. With a drive, the log has totals of the drive instead of averages.
 
     Attributes:
         periods: number of control periods without control, and total number of control periods.
@@ -277,8 +277,8 @@ class Simulation:
         progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
         progress_without: Callable[[int, int], None] = lambda done, total: None,
     ) -> RunLog:
-        """Run the loop on this wake from its present state. A drive is first run as a whole without control. Raises
-        StillwakeError if the bundle is for another body, or if the wake's flow cannot be disturbed or diverges.
+        """Run the loop on this wake from its present state. If there is a drive, it is first run without control.
+        Raises StillwakeError if the bundle is for another body, or if the wake's flow cannot be disturbed or diverges.
 
         Args:
             wake: a plant at the start of a control period; afterwards it is at the end of the run.
@@ -294,7 +294,7 @@ class Simulation:
         if other is None:
             check_sensors(bundle, wake.layout)
         elif not np.array_equal(wake.layout.positions, layout_of(config.body).positions):
-            raise ConfigError(f"disturbance {text_of(other)!r}: the plant already has another body")
+            raise ConfigError(f"disturbance {text_of(other)!r}: the plant has a different body")
         (lead_in, total), sensors = self.periods, bundle.manifest.sensors
         disturbing, again = (Disturbing(self._disturbances, config, sensors, self._seed) for _ in range(2))
         wired = wire(

@@ -2,8 +2,8 @@
 
 In every period the vehicle sends the pressures, its speed, and the air's density if the density is known.
 
-The jets run only while the vehicle itself wants control. The jets follow a command only if it is enabled, has a mode
-that drives the jets, and was computed from recent pressures. No single signal of a command is enough to drive the jets.
+The jets run only while the vehicle itself wants control. They follow a command only if the command is enabled, has a
+mode that drives the jets, and was computed from recent pressures. No single signal of a command can drive the jets.
 If too many commands are missing, the vehicle gives up control and withdraws its request on the bus.
 
 A command repeats ("echoes") the counter of the Pressure frame from which it was computed. The counter repeats after 256
@@ -42,11 +42,11 @@ _DRIVING: Final = (Mode.CONTROL, Mode.HOLD, Mode.DECAY)
 
 @dataclass(frozen=True, kw_only=True)
 class EchoTracker:
-    """An immutable record of sent Pressure frames and of the last echo. The first frame's number is its counter;
-    from each frame to the next the number rises by the difference of the counters.
+    """An immutable record of sent Pressure frames and of the last echo. Frames are numbered: the first frame's number
+    is its counter; the next frame's number is larger by the difference of the two counters, and so on.
 
     Attributes:
-        kept: sending times in ns of the latest frames, newest last; at most `counter_period` frames.
+        kept: sending times in ns of the latest frames, at most `counter_period` of them, newest last.
         newest: number of the newest frame; None before the first frame.
         echoed: number of the frame echoed last; None before the first echo, and after an interruption or wrong echo.
     """
@@ -67,7 +67,7 @@ class EchoTracker:
         return replace(self, echoed=None)
 
     def received(self, counter: int) -> "EchoTracker":
-        """Record a command's echo; if no sent frame can have this counter, delete the previous echo."""
+        """Record the counter that a command echoes. If no sent frame can have this counter, delete the last echo."""
         if self.newest is None:
             return self
         oldest = self.newest - len(self.kept) + 1 if self.echoed is None else self.echoed
@@ -92,7 +92,7 @@ class Actuation:
 
     Attributes:
         action: action at the period's end, in U_inf W.
-        command: valid command frame that arrived in the period; None if there was none.
+        command: valid command frame that arrived in the period; None without such a frame.
         next_period: whether this command acts only in the next period; until then the jets follow the previous command.
         sampled_ns: sampling time of the command's pressures; None without a command.
     """
@@ -148,7 +148,7 @@ class VehicleNode:
         self._freshness = Freshness() if authentication is None else authentication.freshness
         self._speed_freshness = self._freshness  # each message has its own freshness value
         self._verifier = VerifierState() if authentication is None else authentication.verifier(self._receiver.spec)
-        # For each of the latest periods with the ECU in control: whether the command was missed.
+        # For each of the latest periods in which the ECU was in control: whether its command was missed.
         self._missed: deque[bool] = deque(maxlen=config.vehicle.loss_window)
         self.has_given_up = False
         self._misses = 0  # consecutive periods without a valid command
@@ -167,14 +167,14 @@ class VehicleNode:
         """Return the Pressure frame of the instant `now_ns`. The frame states that its pressures are `age_ns` old.
         `cp`, shape (n,), has the wall pressures Cp at all n sensors of the plant.
 
-        A pressure beyond the transducer's range saturates and is marked invalid; NaN is sent as 0. After the vehicle
-        has given up control, its frames request no control until `enable_request` has been False once.
+        A pressure beyond the transducer's range saturates, NaN becomes 0, and both are marked invalid. After the
+        vehicle has given up control, its frames request no control until `enable_request` has been False once.
         """
         if not enable_request:
             self._missed.clear()
             self.has_given_up = False
         self._requested = enable_request and not self.has_given_up
-        # The transducers measure Pa, so their faults get every pressure in units of one dynamic pressure.
+        # Faults act on Cp, but transducers measure Pa: the configured dynamic pressure converts between both.
         scale = self._config.operating_point.dynamic_pressure
         present = cp[self._columns] * (self.operating_point.dynamic_pressure / scale)
         pressure_pa = self._read(present, now_ns) * scale
@@ -193,7 +193,7 @@ class VehicleNode:
         return frame
 
     def speed_frame(self, *, now_ns: int, age_ns: int = 0) -> Frame | None:
-        """Return the VehicleSpeed frame as `sample` does; None while the vehicle sends no speed."""
+        """Return the VehicleSpeed frame, with time and age as in `sample`; None while the vehicle sends no speed."""
         if not self.sends_speed:
             return None
         message = VehicleSpeed(
@@ -232,8 +232,8 @@ class VehicleNode:
         if self.has_given_up or not self._requested:
             self._action = before = 0.0
         if not self._next_period and self._action != 0.0:
-            # The command replaces the previous command for the same period, whose action the jets have not reached. So
-            # the step is limited again, from the action that the jets have reached.
+            # This command replaces an earlier command for the same period, whose action the jets have not reached. So
+            # the action is limited again to one step from the action that the jets have reached.
             self._action = self._in_reach_of(self._driven_to, self._action)
         self._driven_to = before if self._next_period else self._action
         self._commanded = self._commanded.pushed(self._driven_to)  # also while the jets are stuck
@@ -245,7 +245,7 @@ class VehicleNode:
         )
 
     def _count(self, command: JetCommand | None) -> None:
-        """Record whether this period lacked a usable command, if the ECU is in control."""
+        """If the ECU is in control, record whether this period had a usable command."""
         if command is None or self._is_too_old(command):
             if self._missed:
                 self._missed.append(True)

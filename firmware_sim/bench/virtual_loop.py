@@ -46,8 +46,8 @@ def check_bit_rates(config: Config) -> None:
     """Raise BusError if a pressure frame takes a whole control period or longer."""
     if (takes_ns := _pressure_frame_ns(config)) >= config.period_ns:
         raise BusError(
-            f"a pressure frame takes {takes_ns / 1e6:g} ms, the control period is {config.period_ns / 1e6:g} ms: raise "
-            "bus.nominal_bitrate or bus.data_bitrate"
+            f"a pressure frame takes {takes_ns / 1e6:g} ms, but a control period only {config.period_ns / 1e6:g} ms: "
+            "raise bus.nominal_bitrate or bus.data_bitrate"
         )
 
 
@@ -91,7 +91,7 @@ class VirtualLoop(NeverCopied):
         self._at_vehicle, self._at_ecu, self._ecu_health = at_vehicle, at_ecu, ecu_health
         self._ecu_clock = ecu_clock
         self._power_on = ecu.ecu.state
-        self._boots = self._booted_ns = self._rejected = 0  # rejected: by the ECU, before its latest reset
+        self._boots = self._booted_ns = self._rejected = 0  # rejected: frames, by the ECU before its reset
         messages = message_set(config.bus)
         self._pressure, self._command = messages.pressure.spec, messages.command.spec
         self._substeps, self._period_ns = config.flow.substeps, config.period_ns
@@ -127,7 +127,7 @@ class VirtualLoop(NeverCopied):
 
     def reset_ecu(self, boot_ns: int) -> None:
         """Make the ECU lose its state at the bus's present time and start again after `boot_ns`. Until then it receives
-        nothing. Freshness values, which are in non-volatile memory, and the CAN controller's counts continue."""
+        nothing. Freshness values (in non-volatile memory) and the CAN controller's counts are kept."""
         state, rejected = self._ecu.state, self._ecu.frames_rejected
         speed = replace(self._power_on.speed, verifier=state.speed.verifier)
         fresh = replace(self._power_on, verifier=state.verifier, speed=speed, freshness=state.freshness)
@@ -155,8 +155,8 @@ class VirtualLoop(NeverCopied):
         return BusTotals(sent=sent, lost=max(sent - self._arrived - under_way, 0), rejected=rejected)
 
     def _received(self, message: MessageSpec, frames: list[Frame]) -> list[Frame]:
-        """Return the frames of a message. They are counted without copies, which a fault or an error in a frame's last
-        bit causes: a copy's bytes equal the frame before it, a new frame has another counter."""
+        """Return and count the frames of a message. Copies, caused by a fault or by an error in a frame's last bit, are
+        not counted: a copy has the same bytes as the frame before it, while a new frame has another counter."""
         found = [frame for frame in frames if message.names(frame)]
         for frame in found:
             self._arrived += frame.data != self._newest.get(message.frame_id)
@@ -164,7 +164,7 @@ class VirtualLoop(NeverCopied):
         return found
 
     def _pressures_came(self) -> bool:
-        """Put received frames into the ECU's inbox unless the ECU boots; return whether pressures were among them."""
+        """Put received frames into the ECU's inbox, unless it is booting; return whether they include pressures."""
         received = self._at_ecu.receive_all()
         if not self.ecu_is_up:
             return False
@@ -172,7 +172,7 @@ class VirtualLoop(NeverCopied):
         return bool(self._received(self._pressure, received))
 
     def _step_ecu(self, now_ns: int) -> float:
-        """Step the ECU unless it boots or computes; return the step's wall-clock time in ms, NaN without a step."""
+        """Step the ECU unless it is booting or computing; return the step's wall-clock time in ms, else NaN."""
         if now_ns < max(self._busy_until_ns, self._booted_ns):
             return math.nan
         began = time.perf_counter()

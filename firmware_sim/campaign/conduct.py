@@ -46,11 +46,11 @@ from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 _SETTINGS: Final = ("bus", "ecu", "vehicle", "flow.reynolds", "flow.substeps")
-"""Sections and settings that a scenario may change. The controller and its period in t_c are fixed by the release."""
+"""Sections and settings that a scenario may change. The release fixes the controller and its period in t_c."""
 PlantKey = tuple[FlowConfig, BodyConfig]
 
 MARGIN_PERIODS: Final = 2
-"""Number of periods without control that a run needs in addition to the window: the first frame adds no row."""
+"""Number of periods that the lead-in needs in addition to those that fill the window: the first frame adds no row."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,8 +92,8 @@ def plant_of(config: Config) -> PlantKey:
 
 
 def settings_of(scenario: Scenario, config: Config) -> Config:
-    """Return the campaign's settings, changed by the scenario's settings and its plant's body. Raises ConfigError
-    with the scenario's name if a setting is unknown, wrong, or not allowed in a scenario."""
+    """Return the campaign's settings with the changes of the scenario: its settings, and the body of its plant. Raises
+    ConfigError with the scenario's name if a setting is unknown, wrong, or not allowed in a scenario."""
     try:
         loaded = loading.load(None, scenario.settings, base=config)
         plant = Disturbances.parse(scenario.disturb).plant(loaded.config)
@@ -102,7 +102,8 @@ def settings_of(scenario: Scenario, config: Config) -> Config:
     for name in sorted(loaded.in_overrides):
         if not {name, name.partition(".")[0]} & set(_SETTINGS):
             raise ConfigError(
-                f"scenario {scenario.name!r}: {name}: a scenario sets {', '.join(_SETTINGS)}; use --set for all runs"
+                f"scenario {scenario.name!r}: {name}: a scenario can set only {', '.join(_SETTINGS)}; for all runs, "
+                "use --set"
             )
     return plant
 
@@ -123,7 +124,7 @@ def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
 
 
 def flow_disturbances(texts: Iterable[str]) -> tuple[str, ...]:
-    """Return the texts of the disturbances that act on the flow; these also act in the runs without control."""
+    """Return the texts of the disturbances that act on the flow, and thus also in the runs without control."""
     disturbances = Disturbances.parse(texts)
     return tuple(
         text
@@ -261,7 +262,7 @@ def conduct(
     """
     if scheduler is not None:
         with dask_client(1, scheduler):
-            pass  # the starts may take minutes, so errors are raised before them
+            pass  # tests the connection now, because the initial states may take minutes
     pairs = {scenario.name: _tasks(campaign, scenario) for scenario in campaign.scenarios}
     tasks = {task.name: task for found in pairs.values() for pair in found for task in pair}
     plants = {plant_of(campaign.config): ""}
@@ -271,7 +272,7 @@ def conduct(
     def developing(scenario: str, t: float, total: float) -> None:
         progress(0, 0, f"the wake of {scenario or 'all'}, {t:.0f} of {total:.0f} t_c")
 
-    # The states of a campaign that is being replaced may be at other phases of the cycle.
+    # The folder's states do not fit if they are from a campaign with other phases or settings, which is replaced now.
     kept, starts = folder if folder.has_starts_of(campaign.label()) else None, {}
     for plant, scenario in plants.items():
         config = replace(campaign.config, flow=plant[0], body=plant[1])
@@ -292,7 +293,7 @@ def conduct(
         for plant, scenario in plants.items():
             keep_states(folder, starts[plant], scenario)
         for name, outcome in reused.items():
-            # A reused run may be from a campaign that is being replaced; then the run's file has just been deleted.
+            # If another campaign is replaced, `folder.claim` has just deleted the files of the runs that are reused.
             folder.keep(name, outcome)
 
     def finished(task: RunTask, outcome: RunOutcome) -> None:

@@ -2,7 +2,7 @@
 
 Initial states are the wake at several shedding phases, so that no result depends on a single phase.
 
-campaign.json           the label: settings, seed, spans and bundle; a call with a different label is refused
+campaign.json           the label: settings, seed, spans and bundle; a call with another label needs --overwrite
 starts/phase_0.npz      initial flow state of the runs; NAME.phase_0.npz if scenario NAME has its own plant
 runs/NAME.phase0.json   the outcome of a finished run
 table.csv, figures/, report.html
@@ -33,7 +33,7 @@ _RUN_SCHEMA: Final = "stillwake-campaign-run/1"
 COURSE: Final = ("t", "Cd", "Cl", "action")
 """Names of the stored series, which have one value per control period."""
 DECIMALS: Final = 6
-"""Number of decimals of the stored series. The last decimal is a tenth of the resolution of actions on the bus."""
+"""Number of decimals of the stored series. At the default operating point, the bus resolves actions to 3.2e-6."""
 MOST_KEPT: Final = 20
 """Largest number of violations that are stored as text; all violations are counted."""
 
@@ -65,7 +65,7 @@ class MeanFigures:
 
     @classmethod
     def over(cls, course: KeptCourse, from_t: float) -> "MeanFigures":
-        """Average over the samples from `from_t` on; with and without control they are in the same part of a cycle."""
+        """Average over the samples from `from_t` on, so runs with and without control cover the same instants."""
         kept = np.array(course.t) >= from_t - 1e-9  # allows for rounding in sums of spans
         cd, cl, action = (np.array(getattr(course, name))[kept] for name in ("Cd", "Cl", "action"))
         return cls(
@@ -84,7 +84,7 @@ class RunService:
         requested: number of periods with a request for control after the controller's window was filled.
         in_control: number of the requested periods in which the controller planned.
         latches: number of times that the ECU latched a fault.
-        reasons: number of control periods without control, for each reason that the ECU gave.
+        reasons: number of requested periods in which the controller did not plan, by the name of the ECU's Reason.
         frames_sent, frames_lost, frames_rejected: counts of pressure frames and commands.
     """
 
@@ -102,7 +102,7 @@ class RunService:
 @dataclass(frozen=True, kw_only=True)
 class RunOutcome:
     """The outcome of one run. `key` is the hash of everything that the run depends on. If the run did not finish,
-    `failure` is the reason, and the other fields are None. In a run without control, `service` is None."""
+    `failure` states why, and the fields with results are None. In a run without control, `service` is None."""
 
     key: str
     figures: MeanFigures | None = None
@@ -124,8 +124,8 @@ class CampaignFolder:
         return self.path / "starts" / f"{scenario and scenario + '.'}phase_{phase}.npz"
 
     def check(self, label: Mapping[str, Any], *, overwrite: bool) -> None:
-        """Check the folder, without changes. Raises OutputError if it contains foreign files or, without `overwrite`, a
-        campaign with another label; StillwakeError if the folder cannot be written."""
+        """Check the folder without changing it. Raises OutputError if it contains files that no campaign wrote or,
+        without `overwrite`, a campaign with another label; StillwakeError if the folder cannot be written."""
         check_writable(self.path, folder=True)
         if not self.path.exists() or not names_in(self.path):
             return
@@ -135,7 +135,7 @@ class CampaignFolder:
         if present != _plain(label) and not overwrite:
             names = ", ".join(sorted(n for n in present.keys() | label.keys() if present.get(n) != label.get(n)))
             raise OutputError(
-                f"{self.path}: holds a campaign with other {names}; give --overwrite to replace it, or another folder"
+                f"{self.path}: holds a campaign with other {names}; give another folder, or --overwrite to replace it"
             )
 
     def has_starts_of(self, label: Mapping[str, Any]) -> bool:
@@ -144,7 +144,7 @@ class CampaignFolder:
         return all(present.get(name) == wanted.get(name) for name in ("version", "phases", "settings"))
 
     def claim(self, label: Mapping[str, Any]) -> None:
-        """Write the label. First delete the files of another campaign, whose replacement `check` has allowed."""
+        """Write the label; first delete the files of a campaign with another label, which `check` has allowed."""
         if _read(self.label, CAMPAIGN_SCHEMA) != _plain(label):
             for folder in ("starts", "runs", "figures"):
                 shutil.rmtree(self.path / folder, ignore_errors=True)
@@ -154,7 +154,7 @@ class CampaignFolder:
             temporary.write_text(json.dumps(label, indent=2, sort_keys=True) + "\n", encoding="utf-8")
 
     def outcome(self, name: str, key: str) -> RunOutcome | None:
-        """Return the finished run of this name and key; None if its file is missing, damaged or of another version."""
+        """Return the finished run of this name; None if its file is missing, damaged, or has another schema or key."""
         tree = _read(self._runs / f"{name}.json", _RUN_SCHEMA)
         if tree is None:
             return None
@@ -187,12 +187,12 @@ def _read(path: Path, schema: str) -> dict[str, Any] | None:
 
 
 def _plain(label: Mapping[str, Any]) -> Any:
-    """Return the label as a reader of its JSON file gets it."""
+    """Return the label as it is after being written as JSON and read again."""
     return json.loads(json.dumps(label))
 
 
 def phases_apart(phases: int, config: Config) -> list[int]:
-    """Return the number of control periods from the developed wake to each starting phase; the phases span a cycle."""
+    """Return the number of control periods from the developed wake to each starting phase, evenly over a cycle."""
     cycle = 1.0 / config.forcing.base_frequency
     return [round(number * cycle / phases / config.flow.control_period) for number in range(phases)]
 
@@ -204,10 +204,10 @@ def starting_states(
     scenario: str = "",
     progress: Callable[[float, float], None] = lambda t, total: None,
 ) -> tuple[State, ...]:
-    """Return the flow states of all starting phases, at time zero with the jets shut. They are read from the folder, if
-    any, or computed. For a body other than the truck this takes minutes, and `progress` is called with (time, total
-    time) in t_c. `scenario` is empty for the common plant of the scenarios that have no plant of their own. Raises
-    PlantError if there is no developed wake for the settings."""
+    """Return the flow states of all starting phases, at time zero with the jets shut. If `folder` is None or lacks one
+    of them, all are computed. For a body other than the truck this takes minutes, and `progress` is called with (time,
+    total time) in t_c. `scenario` is empty for the common plant of the scenarios that have no plant of their own.
+    Raises PlantError if there is no developed wake for the settings."""
     kept = [] if folder is None else [_kept(folder.start(number, scenario), config) for number in range(phases)]
     whole = [state for state in kept if state is not None]
     if len(whole) == phases:
@@ -237,7 +237,7 @@ def digest_of(state: State) -> str:
 
 
 def _kept(file: Path, config: Config) -> State | None:
-    """Return the state in the file; None if the file is missing or is for another body or Reynolds number."""
+    """Return the state in the file; None if it cannot be read, or is for another body or Reynolds number."""
     try:
         state = load_state(file)
         check_origin(state.origin, config.body, config.flow.reynolds)

@@ -1,5 +1,5 @@
-"""The judgement of a campaign, one row per scenario: safety, benefit of control, spread over the starting phases. The
-module also writes plan and results as text for terminal and report, and as CSV for other programs."""
+"""The judgement of a campaign, one row per scenario: safety, benefit of control, and variation between starting phases.
+The module also writes plan and results as text for terminal and report, and as CSV for other programs."""
 
 import csv
 from collections import Counter
@@ -74,7 +74,7 @@ class ScenarioRow:
 
     @property
     def in_control(self) -> float:
-        """Percentage of the periods with a request for control in which the controller planned."""
+        """Periods in which the controller planned, as a percentage of the periods in which control was requested."""
         requested = self.total("requested")
         return 100.0 * self.total("in_control") / requested if requested else nan
 
@@ -91,7 +91,7 @@ class ScenarioRow:
 
     @property
     def reasons(self) -> dict[str, int]:
-        """Number of control periods without control for each reason that the ECU gave, the most frequent first."""
+        """Number of requested periods in which the controller did not plan, by the ECU's Reason, largest first."""
         count: Counter[str] = Counter()
         for service in self._services:
             count.update(service.reasons)
@@ -139,7 +139,7 @@ class ScenarioRow:
 
 
 def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[PhaseOutcomes]]) -> tuple[ScenarioRow, ...]:
-    """Return the rows in the plan's order. `phases` has the outcomes of each scenario by its name."""
+    """Return the rows in the plan's order. `phases` has the outcomes of each scenario, by the scenario's name."""
     undisturbed = Spread.of([phase.reduction for phase in phases[UNDISTURBED]]).mean
     rows = []
     for scenario in scenarios:
@@ -155,8 +155,8 @@ def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[PhaseOut
 
 
 def use_of(reduction: float, undisturbed: float, side_force: float, criteria: Criteria) -> Use:
-    """Judge an outcome. `reduction` and `undisturbed` are the reductions of wall drag in this and in the undisturbed
-    scenario, in percent. `side_force` is mean |Cl| as a share of its value without control."""
+    """Judge an outcome. `reduction` and `undisturbed` are the reductions of wall drag in percent, in this scenario and
+    in the undisturbed scenario. `side_force` is mean |Cl| as a share of its value without control."""
     share = reduction / undisturbed if undisturbed > 0 else nan
     # A comparison with NaN is false, so an unknown outcome is not useful.
     if share >= criteria.useful and side_force <= criteria.abs_Cl:

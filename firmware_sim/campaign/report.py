@@ -1,5 +1,5 @@
 """The report of a campaign: one self-contained HTML page with a table of the results, curves, and a section for each
-group of scenarios. Separate files contain the table and the figures too.
+group of scenarios. The table and the figures are also written to separate files.
 
 The figures show drag and side force against noise and delay, and an overview of all scenarios. The paper's results
 under noise and delay are shown as far as its text states numbers (section 3.3, appendix B).
@@ -89,7 +89,7 @@ def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day
 
 
 def curve(rows: Sequence[ScenarioRow], pattern: str) -> Points:
-    """Collect the scenarios whose name matches `pattern`; the group is the number, 0 for the undisturbed scenario."""
+    """Collect (number, row) of the scenarios whose name matches `pattern`, by its group, and of the undisturbed (0)."""
     found = []
     for row in rows:
         match = re.fullmatch(pattern, row.scenario.name)
@@ -107,7 +107,7 @@ def figures_of(rows: Sequence[ScenarioRow]) -> dict[str, Figure]:
         "compensated": curve(rows, r"delay_(\d+)"),
         "not compensated": curve(rows, r"delay_(\d+)_uncompensated"),
     }
-    # For noise, the paper gives a number only for the undisturbed loop.
+    # The paper states no Cd under noise, so its only point in this figure is the undisturbed loop.
     undisturbed = {0: PAPERS_DELAYED_CD[0]}
     found = {
         "noise": curves_figure(noise, "sensor noise / global deviations", "paper", undisturbed),

@@ -32,14 +32,14 @@ from contract.errors import ConfigError
 from contract.typed import read_toml, typed
 
 UNDISTURBED: Final = "undisturbed"
-"""Name of the scenario with which all others are compared; every plan contains this scenario."""
+"""Name of the scenario with which all other scenarios are compared; every plan contains this scenario."""
 UNCONTROLLED: Final = "uncontrolled"
-"""Name of the runs without control in the undisturbed flow; in a scenario's flow, the scenario's name precedes it."""
+"""Name of the runs without control in the undisturbed flow; in a scenario's own flow, they are NAME.uncontrolled."""
 _NAME: Final = re.compile(r"[a-z0-9][a-z0-9_.]*")
 LONGEST_NAME: Final = 80
 """Largest number of characters of a name, which is also part of a file name."""
 BUILT_IN: Final = ("paper", "sensors", "bus", "flow")
-"""Names of the files in `plans/`, in the plan's order."""
+"""Names of the files in `plans/`, in the order of the plan that consists of them."""
 MOST_SCENARIOS: Final = 1000
 _SENSORS: Final = "sensors"
 """Value of `each` with which a scenario is repeated for each sensor of the release."""
@@ -47,9 +47,9 @@ _SENSORS: Final = "sensors"
 
 @dataclass(frozen=True, kw_only=True)
 class Criteria:
-    """The criteria for a useful outcome. `useful` and `marginal` are the smallest drag reductions, as shares of the
-    drag reduction in the undisturbed scenario. `abs_Cl` is the largest mean |Cl| if useful, as a share of its value
-    without control. Raises ConfigError for values that are not finite or contradict each other."""
+    """The criteria for an outcome. A useful outcome has at least the drag reduction `useful` and a mean |Cl| of at most
+    `abs_Cl` times its value without control. A marginal outcome has a larger drag reduction than `marginal`. Reductions
+    are shares of the undisturbed scenario's reduction. Raises ConfigError for wrong or inconsistent values."""
 
     useful: float = 0.75
     marginal: float = 0.0
@@ -60,14 +60,14 @@ class Criteria:
             if not isfinite(value := getattr(self, name)):
                 raise ConfigError(f"{name} = {value}: must be a finite number")
         if not self.marginal <= self.useful <= 1:
-            raise ConfigError(f"useful = {self.useful:g}: must be a share from marginal, {self.marginal:g}, to 1")
+            raise ConfigError(f"useful = {self.useful:g}: must be between marginal ({self.marginal:g}) and 1")
         if self.abs_Cl <= 0:
             raise ConfigError(f"abs_Cl = {self.abs_Cl:g}: must be positive")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """A scenario of a test plan. Raises ConfigError if the name is invalid or there is no sentence.
+    """A scenario of a test plan. Raises ConfigError if the name or the sentence is invalid.
 
     Attributes:
         name: lower-case letters, digits, dots and underscores; unique in a plan.
@@ -111,7 +111,7 @@ def check_names(scenarios: Sequence[Scenario]) -> None:
         if (other := seen.setdefault(one.name, one)) is not one:
             raise ConfigError(f"scenario {one.name!r} occurs twice, in {other.group!r} and in {one.group!r}")
     if UNDISTURBED not in seen:
-        raise ConfigError(f"no scenario {UNDISTURBED!r}: all others are compared with this one")
+        raise ConfigError(f"no scenario {UNDISTURBED!r}: all other scenarios are compared with this scenario")
 
 
 def selected(scenarios: Sequence[Scenario], globs: Sequence[str]) -> tuple[Scenario, ...]:
@@ -153,7 +153,7 @@ class _PlanForm:
 
 
 def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
-    """Return the built-in scenarios, then the users' scenarios. Raises ConfigError with the file for a wrong entry."""
+    """Return the built-in scenarios, then the users' scenarios. Raises ConfigError, which names the file, on errors."""
     folder = files("firmware_sim.campaign").joinpath("plans")
     sources: list[Traversable] = [*(folder.joinpath(f"{name}.toml") for name in BUILT_IN), *users]
     scenarios = tuple(one for source in sources for one in read_plan(source, place))
@@ -209,7 +209,7 @@ def _values(form: _ScenarioForm, place: Place) -> Sequence[int | float | str]:
 
 @dataclass(frozen=True)
 class _Time:
-    """A value for `str.format`. Its format specification is a time in t_c; the result is `start_s` plus this time."""
+    """A value for `str.format`. Its format specification is a time in t_c; it yields `start_s` plus this time in s."""
 
     start_s: float
     t_c_s: float

@@ -14,7 +14,7 @@ TERMINAL: Final = "CanChannel"
 LS_BUS: Final = "org.fmi-standard.fmi-ls-bus"
 _MIME: Final = f'application/{LS_BUS}.can; version="1.0.0"'
 _RX_BYTES, _TX_BYTES = 8192, 16384
-"""Sizes in bytes of the buffers for received and sent data; `ecu/c/fmu/sw_fmu.h` has the same sizes."""
+"""Sizes in bytes of the buffers for received and sent data; `ecu/c/fmu/sw_fmu.h` must have the same sizes."""
 _TYPES_2: Final[Mapping[str, str]] = {"Float64": "Real", "UInt32": "Integer"}
 _add = ElementTree.SubElement
 
@@ -96,7 +96,7 @@ def _list_terminal(listed: ElementTree.Element, first: int, kind: FmuKind) -> di
 
 
 def bus_files() -> dict[str, bytes]:
-    """Return the files that a bus terminal needs, by their paths in the FMU."""
+    """Return the description files that an FMU with a bus terminal needs in addition, by their paths in the FMU."""
     root = ElementTree.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
     facts = {"terminalKind": "org.fmi-ls-bus.network-terminal", "matchingRule": "org.fmi-ls-bus.transceiver"}
     terminal = _add(_add(root, "Terminals"), "Terminal", facts, name=TERMINAL, description="The vehicle's CAN bus")

@@ -1,6 +1,6 @@
 """The variables of the ECU's FMU, each with the DBC signal that contains the variable's value.
 
-A variable's place in the list is its value reference. The list is written in two forms: as a table for the wrapper in C
+A variable's index in the list is its value reference. The list is written in two forms: as a table for the wrapper in C
 (`ecu/c/fmu/sw_fmu.c`), and as `modelDescription.xml` (`firmware_sim.fmu.descriptions`).
 """
 
@@ -25,7 +25,7 @@ SI_UNITS: Final[Mapping[str, Mapping[str, str]]] = {
     "kg/m3": {"kg": "1", "m": "-3"},
     "s": {"s": "1"},
 }
-"""Exponents of the SI base units in each unit."""
+"""Definition of each unit: the exponents of its SI base units."""
 ENUMERATIONS: Final[Mapping[str, type[IntEnum]]] = {"Mode": Mode, "Reason": Reason}
 _C_TYPES: Final = {"Float64": "FLOAT64", "UInt32": "UINT32", "Boolean": "BOOLEAN", "Enumeration": "INT64"}
 _C_TYPES_2: Final = _C_TYPES | {"UInt32": "INT32", "Enumeration": "INT32"}
@@ -43,13 +43,13 @@ air_density    | speed.AirDensity       | Float64     | kg/m3  | 0  | Density of
 send_pressures |                        | Boolean     |        | 1  | Whether a Pressure frame is sent this period
 send_speed     |                        | Boolean     |        | 1  | Whether a VehicleSpeed frame is sent this period
 """
-"""Inputs: name, message and signal of a `MessageSet`, FMI 3.0 type, unit or enumeration, start value, description."""
+"""Inputs, one a row: name, message.signal of a `MessageSet`, FMI 3.0 type, unit or enumeration, start, description."""
 _BUS: Final = """
 bus_notifications |  | Boolean | | 0 | Whether the bus confirms frames and reports errors and lost arbitration
 step_offset       |  | Float64 | s | 0 | Time from the start to the ECU's first step, shorter than a control period
 compute_time      |  | Float64 | s | 0 | Time from a step to the ECU's frames, shorter than a control period
 """
-"""Parameters of an FMU with a bus terminal. The columns are as in the table of inputs."""
+"""Table of the parameters of an FMU with a bus terminal, with the same columns as the table of inputs."""
 _OUTPUTS: Final = """
 flow_command   | command.Flow           | Float64     | m2/s   |    | Jet flow rate per unit span to be reached
 next_period    | command.NextPeriod     | Boolean     |        |    | Whether the flow is for the next control period
@@ -66,7 +66,7 @@ set_aside.*    | status.SetAside        | Boolean     |        |    | Whether th
 
 
 class Variable(NamedTuple):
-    """A variable, from a row of a table; a row whose name ends in * gives one variable per sensor."""
+    """A variable of the FMU. A row of a table gives one variable, or one for each sensor if the name ends in *."""
 
     causality: str
     name: str
@@ -80,7 +80,7 @@ class Variable(NamedTuple):
 
 def ecu_variables(sensors: Sequence[str], config: Config, *, bus: bool = False) -> list[Variable]:
     """Return all variables in the order of their value references; `sensors` is in the order of the Pressure message.
-    Outputs whose signal the message set lacks are left out. With `bus`, parameters replace the inputs."""
+    Outputs whose signal is not in the message set are left out. With `bus`, parameters replace the inputs."""
     starts = {
         "vehicle_speed": config.operating_point.speed,
         "step_offset": config.ecu.step_offset_ms / 1e3,
@@ -129,13 +129,13 @@ def wrapper_settings(variables: Sequence[Variable], token: str, config: Config, 
 
 
 def _first_of_each(variables: Sequence[Variable]) -> dict[str, int]:
-    """Return the value references of inputs and parameters by name; for a name of all sensors, the first reference."""
+    """Return the value references of inputs and parameters by name; `pressure` and `valid` have the first sensor's."""
     numbered = reversed([*enumerate(variables)])
     return {item.name.partition(".")[0]: i for i, item in numbered if item.causality in ("input", "parameter")}
 
 
 def _signals(messages: MessageSet) -> dict[str, dict[str, tuple[int, int, int]]]:
-    """Return (first bit, number of bits, whether signed) of each signal, by message in the set and name in the DBC."""
+    """Return (first bit, number of bits, whether signed) by message (field of the set) and signal (name in the DBC)."""
     blocks, found = dbc_bytes().decode("utf-8").split("\nBO_ "), {}
     for message, spec in zip(("pressure", "speed", "command", "status"), messages.specs, strict=True):
         block = next(item for item in blocks if item.startswith(f"{spec.frame_id} {spec.name}:"))

@@ -33,19 +33,18 @@ PLATFORM: Final = f"{platform.machine()}-{sys.platform}"
 """Name of this machine's platform in FMI 3.0, such as x86_64-linux."""
 WINDOWS_64: Final = "x86_64-windows"
 PLATFORMS_2: Final = {"x86_64-linux": "linux64", "x86_64-darwin": "darwin64", WINDOWS_64: "win64"}
-"""Names of platforms in FMI 2.0 by their names in FMI 3.0, as far as they differ."""
+"""FMI 2.0's names of platforms by their names in FMI 3.0, for the platforms whose names differ."""
 FLAGS: Final = ("-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-Wl,--no-undefined")
-"""Flags of the compiler, without -march, because an FMU may run on other machines."""
+"""Flags of the compiler. There is no -march, because an FMU may run on another machine."""
 _FLAGS_WINDOWS: Final = ("-target", f"{WINDOWS_64}-gnu", "-O3", "-ffp-contract=off", "-shared", "-s")
 _SETTINGS: Final = "sw_fmu_settings.h"
 _DAY: Final = (1980, 1, 1, 0, 0, 0)
 
 
 def ecu_fmu(ecu: Mapping[str, bytes], bundle: Bundle, config: Config, kind: FmuKind = WITH_SIGNALS) -> bytes:
-    """Return the FMU's file; equal arguments and an equal compiler give equal bytes. `ecu` has the
-    `ecu.in_c.c_ecu.ecu_sources` of this verified release and vehicle. Raises LibraryError if there is no compiler, or
-    the compiler rejects the sources; ConfigError if the step offset or the compute time is not shorter than the control
-    period."""
+    """Return the ECU's FMU as a file; equal arguments and an equal compiler give equal bytes. `ecu` is the result of
+    `ecu.in_c.c_ecu.ecu_sources` for this verified release and vehicle. Raises LibraryError if there is no compiler, or
+    the compiler rejects the sources; with a bus, ConfigError if step offset or compute time is too long."""
     sources = library_sources(ecu) | fmu_sources(*kind.sources)
     variables = ecu_variables(bundle.manifest.sensors, config, bus=kind.bus)
     for name in ("step_offset_ms", "compute_time_ms") if kind.bus else ():
@@ -66,12 +65,12 @@ def ecu_fmu(ecu: Mapping[str, bytes], bundle: Bundle, config: Config, kind: FmuK
 
 
 def binaries(sources: Mapping[str, bytes], kind: FmuKind) -> dict[str, bytes]:
-    """Return the compiled libraries by their paths in the FMU: for this machine and, if asked for, Windows."""
+    """Return the compiled libraries by their paths in the FMU: for this machine and, if `kind.windows`, for Windows."""
     made = {PLATFORM: (host_compiler(), FLAGS, "so")}
     if kind.windows:
         zig = zig_compiler()
         if zig is None:
-            raise LibraryError("no FMU for Windows without ziglang: pip install '.[mcu]'")
+            raise LibraryError("an FMU for Windows needs ziglang: pip install '.[mcu]'")
         made[WINDOWS_64] = zig, _FLAGS_WINDOWS, "dll"
     found = {}
     for name, (compiler, flags, ending) in made.items():
@@ -83,7 +82,7 @@ def binaries(sources: Mapping[str, bytes], kind: FmuKind) -> dict[str, bytes]:
 
 
 def platform_of(name: str, kind: FmuKind) -> str:
-    """Return the name of the folder that contains a platform's library."""
+    """Return the name of the folder in `binaries/` for a platform, given by its name in FMI 3.0."""
     return PLATFORMS_2.get(name, name) if kind.fmi2 else name
 
 
@@ -111,15 +110,15 @@ def _build_description(sources: Mapping[str, bytes]) -> bytes:
 
 _PLANT_SETTINGS: Final = "sw_plant_settings.h"
 BEHIND: Final = "pythonfmu.so"
-"""File name that the FMU gives to the binary of `pythonfmu3`; the binary that checks the calls loads this file."""
+"""File name of `pythonfmu3`'s binary in the FMU. The binary that checks the calls loads this file."""
 _DESCRIPTION: Final = "modelDescription.xml"
 
 
 def plant_fmu(config: Config, start: Path | None = None, kind: FmuKind = WITH_SIGNALS) -> bytes:
-    """Create the plant once as a check, and return the FMU's file. `start` is the file of the initial flow state;
-    if None, the shipped state. Raises PlantError if the start is a state of another plant, or the plant is not stable;
-    LibraryError if there is no compiler, or `pythonfmu3` has no binary for this machine; ModuleNotFoundError if
-    `pythonfmu3` is not installed (extra fmu)."""
+    """Return the plant's FMU as a file, after a check that its plant can be created. `start` is the file of the initial
+    flow state; if None, the shipped state. Raises PlantError if the state is of another plant, or the plant is not
+    stable; LibraryError if there is no compiler, or `pythonfmu3` has no binary for this machine; ModuleNotFoundError
+    if `pythonfmu3` is not installed (extra fmu)."""
     from pythonfmu3.builder import FmuBuilder
 
     from firmware_sim.fmu import plant_slave

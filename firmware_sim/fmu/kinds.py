@@ -11,9 +11,9 @@ FMU_SUFFIX: Final = ".fmu"
 
 @dataclass(frozen=True, kw_only=True)
 class FmuKind:
-    """A kind of FMU. bus: a CAN bus terminal (FMI-LS-BUS 1.0) replaces the signals. triggered: the terminal's Tx_Clock
-    is triggered, not a countdown clock, for importers with fixed steps. fmi2: FMI 2.0 instead of 3.0. windows: the FMU
-    also has a library for Windows on x86-64."""
+    """A kind of FMU. bus: a CAN bus terminal (FMI-LS-BUS 1.0) replaces the input signals. triggered: the terminal's
+    Tx_Clock is a triggered clock instead of a countdown clock, for importers with fixed steps. fmi2: FMI 2.0 instead of
+    3.0. windows: the FMU also has a library for Windows on x86-64."""
 
     bus: bool = False
     triggered: bool = False
@@ -45,9 +45,9 @@ def kind_and_path(text: str, names: tuple[str, ...] = FMU_KINDS) -> tuple[FmuKin
             raise OutputError(f"{text}: {name}: must be one of {', '.join(names)}")
     kind = FmuKind(**dict.fromkeys(chosen, True))
     if kind.bus and kind.fmi2:
-        raise OutputError(f"{text}: bus and fmi2: FMI 2.0 has no bus; name only bus or fmi2")
+        raise OutputError(f"{text}: bus and fmi2: FMI 2.0 has no bus; give only one of them")
     if kind.triggered and not kind.bus:
-        raise OutputError(f"{text}: triggered: is only for a bus; name bus too")
+        raise OutputError(f"{text}: triggered needs a bus: give bus,triggered")
     if path.suffix.lower() != FMU_SUFFIX:
         raise OutputError(f"{path}: must be a file ending in {FMU_SUFFIX}")
     return kind, path

@@ -36,7 +36,7 @@ _OWN = ("time", "jet_flow", "vehicle_speed", "_speed", "_start", "_done", "_aske
 
 
 class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
-    """The wake of `stillwake run`, from its initial state, in engineering units at the operating point.
+    """The wake of `stillwake run`, from its initial state on, with inputs and outputs in engineering units.
 
     Args:
         resources: folder with `SETTINGS`, a whole configuration, and optionally `START`, the initial flow state.
@@ -109,14 +109,14 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
         self._speed = after
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # The outputs' getters are bound to this object, so the copy is constructed anew and creates its own getters.
+        # The getters of the outputs are bound to this object, so a copy must call the constructor for its own getters.
         return partial(StillwakePlant, **self._made_with), (), self._get_fmu_state()
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self._set_fmu_state(state)
 
     def _get_fmu_state(self) -> dict[str, Any]:
-        """Return the state for `_set_fmu_state`; this state is stored only in memory, not in a file."""
+        """Return the state for `_set_fmu_state`. It can be stored only in memory, not in a file."""
         return {"wake": self._wake.state(), "own": {name: getattr(self, name) for name in _OWN}}
 
     def _set_fmu_state(self, state: dict[str, Any]) -> None:

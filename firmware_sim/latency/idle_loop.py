@@ -1,5 +1,5 @@
-"""The idle loop for comparison: a process that wakes at the same deadlines as the ECU and does nothing. It asks for
-real-time privileges, like the ECU.
+"""The idle loop for comparison: a process that wakes once in each control period, like the ECU, but does nothing. It
+asks for real-time privileges, like the ECU.
 
     python -m firmware_sim.latency.idle_loop FILE PERIOD_NS PERIODS
 
@@ -28,10 +28,10 @@ _WANTED: Final = Wanted(priority=PRIORITY + 1)
 
 
 class IdleStage(IntEnum):
-    """The idle loop's columns; times are in ns on CLOCK_MONOTONIC."""
+    """The columns of the idle loop's table; times are in ns on CLOCK_MONOTONIC."""
 
     PERIOD = 0
-    """Index of the period; skipped periods are counted too."""
+    """Index of the period; skipped periods have an index but no row."""
     SCHEDULED = 1
     WOKE = 2
 
@@ -53,7 +53,7 @@ def run(period_ns: int, is_stopped: Callable[[], bool], *, longest: int) -> Stag
 
 
 def lateness(rows: Times, period_ns: int) -> Array:
-    """Return the time in ns from each scheduled instant to the next wake-up, even if that is some periods later."""
+    """Return the time in ns from each scheduled instant to the next wake-up, which may be some periods later."""
     numbers = np.arange(rows[0, IdleStage.PERIOD], rows[-1, IdleStage.PERIOD] + 1)
     own = rows[np.searchsorted(rows[:, IdleStage.PERIOD], numbers)]
     before = own[:, IdleStage.PERIOD] - numbers

@@ -20,7 +20,7 @@ from firmware_sim.latency.running import Recorded
 from firmware_sim.latency.stages import Periods, Stage, Times, joined
 
 LEFT_CONTROL: Final = 5
-"""Number of consecutive periods without a plan at which control counts as lost. Two lost frames cause fewer."""
+"""Number of consecutive periods without a plan that count as a loss of control; two lost frames cause fewer of them."""
 NEEDED_FOR_P99_9: Final = 1_000
 """Smallest number of values for which the nearest-rank 99.9th percentile may differ from the maximum."""
 COUNTS: Final = ("misses", "misses_ours")
@@ -67,7 +67,7 @@ class MeasuredRun:
         scheduled = recorded.idle[:, IdleStage.SCHEDULED]
         idle = recorded.idle[(scheduled >= begin) & (scheduled <= end)]
         if not len(idle):
-            raise StillwakeError("the idle loop did not run at the same time: there is no baseline")
+            raise StillwakeError("the idle loop did not run at the same time as the ECU: there is no baseline")
         latencies = {stage: Quantiles.of(periods.values(stage)) for stage in Stage}
         return cls(name=name, about=about, recorded=recorded, periods=periods, idle=idle, latencies=latencies)
 
@@ -95,12 +95,12 @@ class MeasuredRun:
 
     @cached_property
     def idle_late(self) -> Array:
-        """Delay in ns of each wake-up of the idle loop after its deadline."""
+        """Delay in ns of the idle loop's next wake-up after each of its deadlines."""
         return lateness(self.idle, self.periods.period_ns)
 
     @property
     def idle_misses(self) -> int:
-        """Number of periods in which the idle loop woke at least `slack_ns` late; 0 if there is no slack."""
+        """Number of periods in which the idle loop woke up late by `slack_ns` or more; 0 if there is no slack."""
         return int((self.idle_late >= self.slack_ns).sum()) if self.slack_ns > 0.0 else 0
 
     @property
@@ -121,7 +121,7 @@ class MeasuredRun:
 
     @property
     def verdict(self) -> str:
-        """Text of the first line of a report."""
+        """The verdict on the run in one line, with which a report begins."""
         total = len(self.periods)
         missed = f"{self.misses} of {total} commands missed their boundary."
         line = missed if self.misses else f"All {total} commands arrived by their boundary."
@@ -163,7 +163,7 @@ def _ms(quantiles: Quantiles) -> dict[str, Any]:
 _StageForm: Final[Any] = make_dataclass(
     "_StageForm", [(f"{name}_ms", float | None, field(default=None)) for name in Quantiles._fields[:-1]]
 )
-"""The upper limits of the latency figures of one stage, in ms; None for no limit."""
+"""The budget's limits of one stage's percentiles, in ms; None for no limit."""
 _Form: Final[Any] = make_dataclass(
     "_Form",
     [
@@ -174,7 +174,7 @@ _Form: Final[Any] = make_dataclass(
 
 
 class KeptLimit(NamedTuple):
-    """The limit of a figure and its measured value, which is None if the stage did not occur."""
+    """A figure's limit and its measured value; the value is None if the stage did not occur in the run."""
 
     name: str
     allowed: float
@@ -186,7 +186,7 @@ class KeptLimit(NamedTuple):
 
 
 def read_budget(path: Path) -> dict[str, float]:
-    """Read the limits of figures such as `all.p99_ms`. Raises ConfigError for a wrong or missing limit."""
+    """Read the limits of figures such as `all.p99_ms`. Raises ConfigError for a wrong limit, or without any limit."""
     tree = read_toml(path, "budget")
     try:
         form = typed(tree, _Form)
@@ -201,7 +201,7 @@ def read_budget(path: Path) -> dict[str, float]:
         if name in of_stages and not (isfinite(most) and most > 0.0):
             raise ConfigError(f"budget {path}: {name} = {most}: must be a positive number of ms")
     if not budget:
-        raise ConfigError(f"budget {path}: has no limit; write a limit, for example misses_ours = 0")
+        raise ConfigError(f"budget {path}: has no limit; add a limit, for example misses_ours = 0")
     return budget
 
 
@@ -269,7 +269,7 @@ def stage_rows(run: MeasuredRun) -> Iterator[tuple[str, ...]]:
 
 
 def notes(run: MeasuredRun) -> Iterator[str]:
-    """Yield the notes that a reader needs to understand the rows."""
+    """Yield the notes that explain the rows to a reader."""
     periods = len(run.periods)
     yield f"{run.about}; {periods} periods of {run.periods.period_ns / 1e6:g} ms, {run.periods.planned} with a plan."
     if periods < NEEDED_FOR_P99_9:
@@ -286,7 +286,7 @@ def budget_rows(verdicts: Sequence[KeptLimit]) -> Iterator[tuple[str, ...]]:
 
 
 def write_report(folder: Path, runs: Sequence[MeasuredRun], budgets: Sequence[Sequence[KeptLimit]]) -> None:
-    """Write the page and the figure into an existing folder. `budgets` has the compared limits of each run."""
+    """Write the page and the figure into an existing folder. `budgets` has the limits and values of each run."""
     histogram_figure(runs).savefig(folder / "histogram.png")
     lines = [f"{run.name}: {run.verdict}\n" for run in runs]
     lines += ["# Latency of the control loop\n", "![how often which latency](histogram.png)\n"]

@@ -24,7 +24,7 @@ END_S: Final = 30.0
 """Longest time in s that a process may take to write its table after it was asked to end."""
 OVERTIME: Final = 2.0
 START_S: Final = 60.0
-"""Longest time that the vehicle may take: a multiple of the run's length, plus a time in s to start."""
+"""Longest time that the vehicle may take: `OVERTIME` times the length of the run, plus `START_S` seconds to start."""
 
 
 ECU, VEHICLE, IDLE = "ecu", "vehicle", "idle"
@@ -56,8 +56,8 @@ def recorded(
     progress: Callable[[int], None],
 ) -> Recorded:
     """Run the three processes until the vehicle's process ends, and write tables and logs into the existing folder.
-    Raises BusError, with the last printed line, if a process ended too early or did not end. Raises StillwakeError if a
-    table cannot be read.
+    Raises BusError, with the last line that the process printed, if a process failed, ended too early or did not end.
+    Raises StillwakeError if a process cannot be started or a table cannot be read.
 
     Args:
         ecu, vehicle: commands without `--stage-times`; the ECU must report to $NOTIFY_SOCKET when it is ready.
@@ -116,7 +116,7 @@ class _Child:
         self.name = name
         self._log = folder / f"{name}.log"
         environment = {key: value for key, value in os.environ.items() if key not in ("NOTIFY_SOCKET", "WATCHDOG_USEC")}
-        # Waiting threads of numerical libraries would spin, and so take processor time from the other processes.
+        # With more threads, numerical libraries would wait actively and take processor time from other processes.
         environment |= {"OMP_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
         if notify is not None:
             environment["NOTIFY_SOCKET"] = notify

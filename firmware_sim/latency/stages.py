@@ -1,9 +1,9 @@
 """The stages of each control period, from the sampling of the pressures to the command computed from them.
 
 The tables of the vehicle and the ECU are joined by the pressure counter in the frames. The whole latency is measured
-from the scheduled instant, not from the actual sampling. A period that a node slept through is not left out: its
-pressures count as answered when a command computed from later pressures arrives. If such periods were left out, a loop
-that stalls for many periods would count only one slow period (Tene's "coordinated omission").
+from the scheduled instant, not from the actual sampling. Periods that a node slept through are counted too: their
+pressures count as answered when a command computed from later pressures arrives. Otherwise a loop that stalls for many
+periods would count only one slow period (Tene's "coordinated omission").
 """
 
 from collections.abc import Mapping
@@ -22,26 +22,26 @@ Times = NDArray[np.int64]
 
 
 class Stage(StrEnum):
-    """The stages through which the pressures of one period pass, in order."""
+    """The stages through which the pressures of one period pass, in order; `ALL` spans all stages before it."""
 
     SAMPLE = "sample"
     """The time from the scheduled sampling instant to the actual sampling: the vehicle's own delay."""
     BUS_TO_ECU = "bus_to_ecu"
     """The time from the sample to the receipt of the Pressure frame by the ECU's receive thread."""
     WAIT = "wait"
-    """The time from this receipt to the deadline of the step that uses the frame. This wait absorbs bus jitter."""
+    """The time from the receipt of the frame to the deadline of the step that uses it. The wait absorbs bus jitter."""
     RECEIVE = "receive"
-    """The time from the deadline, or a later receipt of the frame, to the plan: wake-up, checks, window."""
+    """The time from the deadline, or from a later receipt, to the start of the plan: wake-up, checks, window."""
     PLAN = "plan"
     """The time that the encoder and the optimiser take."""
     GATE = "gate"
-    """The time from the plan to the finished frames: command gate, fail-safe, protection of the frames."""
+    """The time from the end of the plan to the finished frames: command gate, fail-safe, protection of the frames."""
     BUS_TO_VEHICLE = "bus_to_vehicle"
-    """The time from the end of the step to the receipt of the JetCommand frame by the vehicle."""
+    """The time from the end of the ECU's step to the receipt of the JetCommand frame by the vehicle."""
     ALL = "all"
     """The time from the scheduled sampling instant to the arrival of the first command computed from these or newer
-    pressures. Of a period's commands only the newest counts, because the vehicle uses it. The command is due at the
-    next sampling instant. Without a plan, the time is recorded only if the command was late."""
+    pressures. If several commands arrive in a period, the newest counts, because the vehicle uses it. The command is
+    due at the next sampling instant. Without a plan, the time is recorded only if the command was late."""
     ACTUATE = "actuate"
     """The time from the next sampling instant to the use of the command by the jets' driver."""
 
@@ -55,9 +55,9 @@ class Periods:
         origin_ns: scheduled instant of the first period, CLOCK_MONOTONIC.
         scheduled: sampling instants, shape (n,).
         answered: arrival of the first command computed from these or newer pressures, shape (n,); infinite if none.
-        stages: latencies of each stage, shape (n,); NaN for a period without the stage.
-        stalls: for each stage, times from the node's m omitted periods to the stage's next occurrence, shape (m,).
-        planned: number of periods with a plan from the period's pressures.
+        stages: latencies in ns of each stage, shape (n,); NaN for a period without the stage.
+        stalls: by stage, times in ns from each of the m periods that a node left out to its next period, shape (m,).
+        planned: number of periods whose pressures were used for a plan.
     """
 
     period_ns: int
@@ -124,8 +124,7 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
     stages[Stage.BUS_TO_VEHICLE][own[took_command]] = (command[rows] - ended)[took_command]
     answered = np.minimum.accumulate(command[::-1])[::-1][row]
     scheduled = (instants - origin).astype(float)
-    # Without a plan the ECU answers quickly. Answers in time without a plan are left out, so that an ECU that is not in
-    # control does not appear fast.
+    # Commands without a plan are quick, so they count only if they are late: an ECU without control must not look fast.
     counts = np.isfinite(stages[Stage.PLAN]) | (answered > scheduled + period_ns)
     stages[Stage.ALL] = np.where(counts, answered - scheduled, np.nan)
     return Periods(
@@ -143,7 +142,7 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
 
 
 def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_period: int) -> Index:
-    """Return for each received counter the index of the latest row that was sent with it before the receipt, or -1."""
+    """Return for each received counter the index of the last row sent before with this counter; -1 if there is none."""
     own, sampled = sent[:, VehicleStage.PRESSURE_COUNTER], sent[:, VehicleStage.SAMPLED]
     newest = np.searchsorted(sampled, arrived, side="right") - 1
     back = newest - (own[newest] - counters) % counter_period
@@ -159,7 +158,7 @@ def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_perio
 def _fill(
     stages: Mapping[Stage, Array], own: Index, sent: Times, scheduled: Times, took: Times, step: Index, period_ns: int
 ) -> None:
-    """Fill in the periods at the indices `own`, from the vehicle's rows and the ECU's steps (-1 for no step)."""
+    """Fill in the latencies of the periods `own`, from the vehicle's rows and the ECU's steps (-1 for no step)."""
     stages[Stage.SAMPLE][own] = sent[:, VehicleStage.SAMPLED] - scheduled
     acted = sent[:, VehicleStage.ACTUATED] > 0
     stages[Stage.ACTUATE][own[acted]] = (sent[:, VehicleStage.ACTUATED] - scheduled - period_ns)[acted]

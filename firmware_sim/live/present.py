@@ -21,7 +21,7 @@ from firmware_sim.runs.reasons import BECAUSE
 from wake.pictures.drawing import outline
 
 _DIGITS: Final = 5
-"""Number of decimals of plotted values; the last decimal is smaller than a pixel of any curve."""
+"""Number of decimals of plotted values; more decimals would not be visible."""
 
 
 def hello(
@@ -77,7 +77,7 @@ def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused
     """Return the message about the latest period."""
     forces = run.ecu.ecu.trace.forces
     planned = forces is not None and latest.is_planned
-    # The plan's first action acts during the latest period. Its effect is visible in the period's last sample, k + 1.
+    # The plan's first action acts during period k; sample k + 1, at the end of this period, is the first to show it.
     return {
         "type": "now",
         "run": run.number,
@@ -89,7 +89,7 @@ def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused
         "set_aside": list(seen.set_aside),
         "given_up": seen.given_up,
         "plan": _rounded(run.state.memory.plan) if planned else [],
-        "plan_from": latest.k + 1,  # period whose sample shows the first entry's effect
+        "plan_from": latest.k + 1,  # period whose sample shows the effect of the plan's first action
         "forecast": _rounded(forces) if planned else [],  # Cd and Cl for the same periods
         "cp": _rounded(latest.row.sample.Cp),  # pressures at all sensors of the body
         "read": [_number(value) for value in _rounded(run.disturbances.read)],  # readings of the transducers

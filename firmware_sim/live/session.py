@@ -1,5 +1,5 @@
-"""The live loop, without socket, process or thread. A caller makes it run each period, passes requests to
-it, and fetches messages. With unchanged settings it computes the same rows as `firmware_sim.bench.simulation`."""
+"""The live loop, without socket, process or thread: a caller runs it period by period, passes requests to it, and
+fetches messages. With unchanged settings it computes the same rows as `firmware_sim.bench.simulation`."""
 
 import time
 from collections import deque
@@ -26,11 +26,11 @@ from firmware_sim.live.settings import CONTROLLERS, LiveSettings, asked, changes
 from wake.plant.protocol import LoopPlant
 
 OFF: Final = "off"
-"""Name of the choice without a controller."""
+"""Name of the choice in which the ECU has no supply."""
 _PACE: Final = 50
-"""Number of latest periods over which the rate in periods per second of wall-clock time is measured."""
+"""Number of latest periods from which the number of periods per second of wall-clock time is measured."""
 _SELDOM: Final = 5
-"""Number of periods between two bus tables that are sent."""
+"""Number of periods from one sent bus table to the next."""
 
 
 class LiveSession(NeverCopied):
@@ -42,7 +42,7 @@ class LiveSession(NeverCopied):
         wake: function from the plant's name to a plant in its initial state.
         ecu: function from the controller's name to an ECU that has just been powered on; called once for each name.
         ahead: function from the controller's name to a function that prepares a slow ECU, or to None.
-        settings: initial settings, but in each run control is requested only after `lead_in`, in t_c.
+        settings: initial settings; `enable` is not used, because control is requested after `lead_in`, in t_c.
         clock: wall clock in s.
     """
 
@@ -235,7 +235,7 @@ class LiveSession(NeverCopied):
             self._made[controller] = made, made.ecu.state
         ecu, at_first = self._made[controller]
         if powered_on:
-            # A run's time begins at 0. A core whose clock was ahead would wait until the run's time has reached it.
+            # A run's time begins at 0. An emulated core would wait until this time has reached the core's clock.
             for made, _ in self._made.values():
                 made.start_clock()
         ecu.ecu.calibrate(self._own if settings.weights is None else replace(self._own, weights=settings.weights))

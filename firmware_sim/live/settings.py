@@ -26,7 +26,7 @@ def asked(request: object) -> tuple[str, Any]:
         raise ConfigError("request: must be a JSON object")
     actions = [name for name in request if name != "id"]
     if len(actions) != 1 or actions[0] not in ACTIONS:
-        raise ConfigError(f"request: must have one of {', '.join(ACTIONS)}, and an id")
+        raise ConfigError(f"request: must have exactly one of {', '.join(ACTIONS)}; an id is optional")
     action, value = actions[0], request[actions[0]]
     if action == "set" and not isinstance(value, dict):
         raise ConfigError("request: set must be a JSON object")
@@ -96,9 +96,8 @@ class LiveSettings:
     def changed(
         self, given: Mapping[str, Any], sensors: Sequence[str], own: Calibration, limits: CalibrationLimits
     ) -> Self:
-        """Return settings with some values replaced. Weights are given by their names; None selects the release's
-        weights. `own` is the release's calibration. Raises ConfigError for an unknown name, or a value of a
-        wrong type or range."""
+        """Return the settings with the values in `given`; `weights` has weights by name, or None for the release's.
+        `own` is the release's calibration. Raises ConfigError for an unknown name, a wrong type or a wrong range."""
         known = {item.name for item in fields(self)}
         if unknown := sorted(set(given) - known):
             raise ConfigError(f"live setting {unknown[0]!r}: must be one of {', '.join(sorted(known))}")
@@ -160,7 +159,7 @@ def _weights(given: Any, now: Calibration, limits: CalibrationLimits) -> CostWei
 
 
 def changes(before: LiveSettings, now: LiveSettings, own: CostWeights, controllers: Mapping[str, str]) -> Iterator[str]:
-    """Yield a text for each changed setting. `own` are the release's weights; `controllers` has the labels by name."""
+    """Yield a text for each changed setting. `own` are the release's weights, `controllers` are labels by name."""
     all_frames = "all pressure frames reach the ECU"
     percent, late = f"{100 * now.loss:g} %", f"{now.delay_ms:g} ms late"
     bias_before, bias = ((one.biased and (one.biased, one.bias)) for one in (before, now))

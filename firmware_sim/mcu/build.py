@@ -21,8 +21,7 @@ from ecu.in_c.uds_settings import UDS_SETTINGS, uds_settings
 
 LINKER_SCRIPT: Final = "cortex_m7.ld"
 NO_COMPILER: Final = f"the compiler is missing: {install('mcu')}"
-# C allows the contraction of operations within an expression. Contraction gives equal results on all targets that have
-# fused multiply-add.
+# C allows contraction within an expression; it gives equal results on all targets that have fused multiply-add.
 COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")
 # The sources already unroll those loops in which this saves time; unrolling all would take 21 KiB more flash. zig's
 # defaults, with frame pointers and more inlining, would take 2 KiB more flash and 3 % more time.
@@ -34,13 +33,13 @@ BARE: Final = (
 BOARD_SCRIPT: Final = "sw_board.ld"
 EQUIPMENT: Final = "sw_board_equipment.h"
 BUS_KEY: Final = "sw_board_bus_key.h"
-"""Headers with the values written at production. In an exported library they enable no loader and contain no key."""
+"""Headers with values that production replaces. As exported in a library, they enable no loader and contain no key."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Core:
     """A Cortex-M with the DSP extension and single-precision floating point. The fields are its names for users and for
-    the compiler, the clocks for which times are computed, and whether it issues two instructions per cycle."""
+    the compiler, the clock rates for which times are computed, and whether it issues two instructions per cycle."""
 
     name: str
     cpu: str
@@ -134,7 +133,7 @@ def _linked(contents: Mapping[str, bytes], script: str, entry: str, core: Core) 
 
 
 def compile_with_zig(sources: Mapping[str, bytes], output: Path, flags: Sequence[str]) -> None:
-    """Compile for any machine that the flags name; raises McuError as `compile_for_cortex_m7` does."""
+    """Compile for the target that the flags select. Raises McuError as `compile_for_cortex_m7` does."""
     compiler = zig_compiler()
     if compiler is None:
         raise McuError(NO_COMPILER)

@@ -47,10 +47,9 @@ def _library() -> ctypes.CDLL:
 
 
 class BlockCounter:
-    """A counter of the basic blocks that run in the flash. Its hook is in machine code: a hook in Python would take a
-    hundred times as long as the emulation itself. Create the counter before the core first runs, because a hook does
-    not see code that Unicorn translated earlier. Raises McuError if there is no compiler for the hook, or Unicorn does
-    not accept the hook."""
+    """A counter of the basic blocks that run in the flash. Its hook is in C: a hook in Python would take a hundred
+    times as long as the emulation. Create the counter before the core first runs, because the hook is not called for
+    code that Unicorn translated earlier. Raises McuError if there is no compiler, or Unicorn refuses the hook."""
 
     def __init__(self, core: Any, pipeline: Pipeline) -> None:
         self._pipeline, places = pipeline, FLASH_BYTES // 2
@@ -70,7 +69,7 @@ class BlockCounter:
             ctypes.c_uint64(0),
         )
         if failed:
-            raise McuError(f"the emulator refused a hook: unicorn's error {failed}")
+            raise McuError(f"the emulator refused a hook: Unicorn's error code {failed}")
 
     def start(self) -> None:
         """Set the counts to zero."""
@@ -130,7 +129,7 @@ class EmulatedCore(NeverCopied):
         self._core.mem_write(address, content)
 
     def call(self, function: str, *arguments: int) -> int:
-        """Run a function to its return, as a debugger does; return its result. Raises McuError if the core stops."""
+        """Run a function of the firmware until it returns; return its result. Raises McuError if the core stops."""
         kept = self._core.context_save()
         for number, value in enumerate(arguments):
             self._core.reg_write(arm_const.UC_ARM_REG_R0 + number, value)
@@ -142,7 +141,7 @@ class EmulatedCore(NeverCopied):
             self._core.context_restore(kept)
 
     def block_counter(self, core: Core = CORTEX_M7) -> BlockCounter:
-        """Return a counter of the basic blocks that run from now on. Call this before the first block runs."""
+        """Return a counter of the basic blocks that run from now on. Create it before the core first runs."""
         code = self.peek(FLASH, FLASH_BYTES)
         return BlockCounter(self._core, Pipeline(code, FLASH, dual_issue=core.dual_issue))
 

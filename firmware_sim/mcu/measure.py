@@ -27,9 +27,11 @@ class Measurement:
         multiply_accumulates: number of products with weights, computed from the networks' sizes.
         instructions: executed instructions, exact and equal for all steps in which all iterations run.
         cycles: modelled cycles (`firmware_sim.mcu.pipeline`).
-        one_per_cycle_ms: time of a step with one cycle per instruction, by MHz; modelled_ms: time with `cycles`.
+        one_per_cycle_ms: time of a step if each instruction took one cycle, by clock rate in MHz.
+        modelled_ms: time of a step with `cycles`, by clock rate in MHz.
         steps: number of control steps compared with the host.
-        identical: whether all outputs were equal bit for bit. If not, see the largest differences below.
+        identical: whether all outputs were equal bit for bit.
+        action_difference, cost_difference: largest differences from the host's outputs.
     """
 
     precision: str
@@ -70,8 +72,8 @@ def measure(
     core: Core = CORTEX_M7,
     phase: Callable[[str], None] = lambda begun: None,
 ) -> Measurement:
-    """Compile, run and compare a library. Raises LibraryError if a setting is missing in the library's header; McuError
-    with the reason if there are too few rows, or the library does not compile or run.
+    """Compile a library, run it, and compare it with this host. Raises LibraryError if a setting is missing in the
+    library's header; McuError with the reason if there are too few rows, or the library does not compile or run.
 
     Args:
         rows: n rows, shape (n, S+1), with the pressures Cp at the S sensors and the action commanded one step before. n
@@ -132,7 +134,7 @@ def _replay(machine: Machine, rows: ProgramRows, window: int, horizon: int) -> P
     answers = []
     for i, row in enumerate(rows, start=1):
         machine.write("mcu_row", row.astype("<f4").tobytes())
-        # The example program on the host also gives no outputs before the window is full.
+        # Like the example program on the host, this loop records no outputs before the window is full.
         if (status := machine.call("mcu_step" if i >= window else "mcu_push")) != 0:
             raise McuError(f"row {i}: {REFUSALS[status]}")
         if i >= window:

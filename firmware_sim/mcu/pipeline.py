@@ -1,14 +1,13 @@
-"""The cycles of a basic block on a Cortex-M7 or a Cortex-M4: models of their pipelines, and the effects that the models
-leave out.
+"""The cycles of a basic block on a Cortex-M7 or a Cortex-M4, from models of their pipelines.
 
 Arm publishes no cycle counts for the Cortex-M7, so its model makes these assumptions:
 
 - Instructions issue in order, up to two per cycle, when both are ready. At most one instruction of a pair may multiply,
-  use the floating-point unit, store, or branch. Two single loads may form a pair; a double load takes both load ports.
-  The second instruction of a pair may write a register that the first one reads.
-- A result of the integer unit can be used one cycle later. After a load or a multiplication this takes two cycles (one
-  cycle if an accumulator uses the result), after a floating-point operation three cycles, and after a fused
-  multiply-add four cycles. Divisions take 14 cycles and block their unit.
+  use the floating-point unit, access memory, or branch, but two single loads may form a pair. Multiple transfers issue
+  alone. The second instruction of a pair may write a register that the first one reads.
+- A result of the integer unit or of a floating-point move can be used one cycle later. After a load or a multiplication
+  this takes two cycles (one if a multiply-accumulate adds to the product), after other floating-point operations three,
+  and after a fused multiply-add four cycles. Divisions take 14 cycles and block their unit.
 - A block that ends in a branch takes one more cycle; branches are predicted correctly.
 - Every memory access is a hit: code is in instruction TCM or cache, workspace and the dynamics' weights are in data
   TCM, and all other constants are in a warm data cache.
@@ -113,7 +112,7 @@ def _kind(mnemonic: str) -> tuple[str, int, int]:
     if name.startswith(_DIVIDE):
         return "divide", _DIVIDE_CYCLES, 1
     if name.startswith(_MANY):
-        # These instructions transfer two words per cycle; in the firmware they transfer at most about eight words.
+        # Multiple transfers move two words per cycle. The firmware's longest move about eight words, so four cycles.
         return "many", 2, 1 if name == "strd" else 4
     if name.startswith("ldrd"):
         return "double", 2, 1

@@ -13,7 +13,7 @@ from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.statistics import Flags, planned_steps
 
 SKIPPED: Final = "SKIPPED"
-"""Name that stands for the mode of a period that the ECU skipped because it was still computing or booting."""
+"""Name used instead of a mode for a period that the ECU skipped because it was still computing or booting."""
 
 KEYS_DIFFER: Final = "Frames arrived, but none was authentic: do both nodes have the same key (bus.key)?"
 
@@ -21,7 +21,7 @@ KEYS_DIFFER: Final = "Frames arrived, but none was authentic: do both nodes have
 @dataclass(frozen=True, kw_only=True)
 class LatchedFault:
     """The first fault that latched while control was requested. The fields are the name of its Reason, the start (in
-    t_c) and index of its period, and the number of control periods since the request."""
+    t_c) and index of its period, and the number of control periods from the request to the fault."""
 
     reason: str
     t: float
@@ -104,7 +104,7 @@ def set_aside(log: RunLog) -> list[tuple[str, int]]:
 
 
 def trouble(log: RunLog) -> str | None:
-    """Return a sentence on why the controller was not always in control, or None. Pages show it before all figures."""
+    """Return a sentence that says why the controller was not always in control; None if it was. Pages show it first."""
     found = control(log)
     if found.held:
         return None

@@ -38,7 +38,8 @@ class RunOrigin:
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """A disturbance and its count: effects of a port's fault, attempts to send with bit errors, or else periods."""
+    """A disturbance and how often it acted. Faults of a port count their effects, bit errors count attempts to send,
+    resets count as one each, and all other disturbances count the periods in which they act."""
 
     text: str
     acted: int
@@ -46,8 +47,8 @@ class InjectedFault:
 
 @dataclass(frozen=True, kw_only=True)
 class RunEcu:
-    """The ECU of a run: python, c or mcu. For an emulated core, `modelled_ms` and `modelled_ms_max` are the median and
-    maximum time of a step with a plan. Without a clock, each step takes `ecu.compute_time_ms`."""
+    """The ECU of a run; `kind` is python, c or mcu. For an emulated core, `modelled_ms` and `modelled_ms_max` are the
+    median and maximum time of a step with a plan. If `clock_mhz` is None, a step takes `ecu.compute_time_ms`."""
 
     kind: str = "python"
     clock_mhz: float | None = None
@@ -135,11 +136,11 @@ class RunMetadata:
 
 
 _UNUSED: Final = ("forcing", "model", "train", "mpc")
-"""Sections of the settings that a run does not use. A run takes the settings of `mpc` from the bundle."""
+"""Sections of the configuration that a run does not use. The settings of `mpc` come from the bundle instead."""
 
 
 def settings_of(run: RunMetadata) -> dict[str, str]:
-    """Return a run's settings by dotted TOML names. Settings of `mpc` are from the bundle, weights from the run."""
+    """Return a run's settings by their dotted TOML names. The `mpc` settings are the bundle's, except the weights."""
     used = {name: value for name, value in loading.to_tree(run.config).items() if name not in _UNUSED}
     built = asdict(run.mpc) | {"weights": asdict(run.weights)}
     return {name: str(value) for name, value in loading.leaves(used | {"mpc": built})}

@@ -46,8 +46,8 @@ def templates(package: str) -> Environment:
 
 
 def write(target: Path, template: str, package: str = "firmware_sim.runs", **values: object) -> Path:
-    """Write a template's page with these values, completely or not at all. Texts among the values are escaped; a
-    missing value is an error. Raises StillwakeError on failure."""
+    """Write the page from a template and these values, completely or not at all. Texts among the values are escaped; a
+    missing value is an error. Raises StillwakeError if the page cannot be written."""
     page = templates(package).get_template(template).render(values)
     with replacing(target) as temporary:
         temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
@@ -66,7 +66,7 @@ def png_of(figure: Figure) -> bytes:
 
 
 class Inlined(NamedTuple):
-    """A page's scripts and styles, and a content security policy that forbids other scripts and all addresses."""
+    """A page's scripts and styles, and a content security policy that forbids other scripts and all network access."""
 
     policy: str
     styles: Markup
@@ -74,7 +74,7 @@ class Inlined(NamedTuple):
 
 
 def inlined(main: str) -> Inlined:
-    """Return the styles and scripts of the live page's widgets, with the script `main` from the folder `page`."""
+    """Return the styles and scripts of the live page's widgets and of the run pages, with the page's script `main`."""
     scripts = [_text(*place) for place in (*_WIDGETS, (*_OWN, main))]
     digests = (base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii") for script in scripts)
     hashes = " ".join(f"'sha256-{digest}'" for digest in digests)
@@ -86,7 +86,7 @@ def inlined(main: str) -> Inlined:
 
 
 def as_json(values: Any) -> Markup:
-    """Return values as JSON for a script element of type application/json. No text in the values ends the element."""
+    """Return values as JSON for a script element of type application/json, escaped so that no text ends the element."""
     text = json.dumps(values, allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 
@@ -94,5 +94,5 @@ def as_json(values: Any) -> Markup:
 def _text(package: str, folder: str, name: str) -> str:
     text = files(package).joinpath(folder, *name.split("/")).read_text(encoding="utf-8")
     if marks := [mark for mark in _FORBIDDEN if mark in text.lower()]:
-        raise ValueError(f"{name}: {marks[0]!r} would end its HTML element")
+        raise ValueError(f"{name}: contains {marks[0]!r}, which would end its HTML element")
     return text

@@ -31,7 +31,7 @@ WALL: Final = "wall_Cp"
 """Name of the series of Cp at the bundle's S sensors, shape (n, S) for n periods."""
 
 WITHOUT: Final = ("without_Cd", "without_Cd_net", "without_Cl")
-"""Names of the series of a drive's flow with the jets shut, for comparison. Each has the shape (n,) for n periods."""
+"""Names of the series of the same drive with the jets shut, for comparison; shape (n,) for n periods."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,7 +47,7 @@ class Row:
         step_ms: wall-clock time of the ECU's step on this machine; NaN if the ECU skipped the step.
         age_ms: virtual time from the sampling of pressures to the arrival of the command computed from them; NaN if no
             command arrived in this period.
-        set_aside: sensors that the controller does not use; bit i is sensor i of the bundle.
+        set_aside: sensors that the ECU has excluded as faulty; bit i is sensor i of the bundle.
         speed: speed of the vehicle at the period's start, in m/s.
     """
 
@@ -77,7 +77,7 @@ COLUMNS: Final = (*_SAMPLED, "base_Cp", *_EXCHANGED)
 
 @dataclass(frozen=True, kw_only=True)
 class BusTotals:
-    """The counts of pressure frames and jet commands in the whole run."""
+    """The counts of pressure frames and jet commands (both together) in the whole run."""
 
     sent: int
     lost: int
@@ -107,7 +107,7 @@ class BusTraffic:
     Attributes:
         load: share of the time in which the bus was not free, 0 to 1.
         error_frames: number of attempts to send that were destroyed by an error, or that no node acknowledged.
-        longest_wait_ms: longest time from the send queue to the successful transmission, by name of the message.
+        longest_wait_ms: longest time from queueing to the start of the successful transmission, by message name.
     """
 
     load: float
@@ -119,7 +119,7 @@ class BusTraffic:
 
 @dataclass(kw_only=True)
 class WaitingTimes:
-    """An observer of the simulated bus that records the longest wait of a frame, for each message of a set."""
+    """An observer of the simulated bus that records the longest time for which a frame of each message waited."""
 
     messages: MessageSet
     _longest_ns: dict[int, int] = field(default_factory=dict)
@@ -144,7 +144,7 @@ class RunLog:
     Attributes:
         series: arrays for the n periods of the run, by name. The names are those in `COLUMNS`, shape (n,), `WALL` if
             the sensors were recorded, and those in `WITHOUT` for a drive.
-        enabled_at: index of the first row in which control is requested.
+        enabled_at: index of the first row in which control is requested; n if it is never requested.
     """
 
     series: Mapping[str, Array]
@@ -200,7 +200,7 @@ def load(path: Path) -> RunLog:
                 f"reads {_SCHEMA!r}: make the run again"
             )
         count, metadata = len(data["t"]), RunMetadata.from_tree(header["metadata"])
-        # Runs of version 0.9.0 do not have these two columns.
+        # These two columns do not exist in runs of version 0.9.0.
         series = {"set_aside": np.zeros(count), "speed": np.full(count, np.nan)}
         for name in (*COLUMNS, *WITHOUT):
             if name in data or name not in (*series, *WITHOUT):
@@ -254,8 +254,8 @@ class RunFolder:
         self.controlled_picture = path / "vorticity_controlled.png"
 
     def check_free(self, *, overwrite: bool) -> None:
-        """Check the folder. Raises StillwakeError if the folder cannot be written, contains other files, or contains a
-        run and `overwrite` is False. A folder with only an OpenFOAM case's developed state is accepted."""
+        """Check the folder. Raises StillwakeError if it cannot be written, contains files but no run, or contains a run
+        and `overwrite` is False. A folder that contains only the developed state of an OpenFOAM case is accepted."""
         check_writable(self.path, folder=True)
         there = names_in(self.path) if self.path.is_dir() else set()
         holds_a_run = {self.series.name, self.summary.name} & there

@@ -1,7 +1,7 @@
 """The figures of a run: averages without and with control, totals of a drive, and computing time of the ECU's steps.
 
 Averages are over whole shedding cycles (`wake.truck.averages`). Before control, the lift's zero crossings separate the
-cycles. Under control, as many cycles of this mean length count as fit between settling time and last sample.
+cycles. Under control, the average is over as many cycles of their mean length as fit in after the settling time.
 """
 
 from dataclasses import asdict, dataclass
@@ -18,7 +18,7 @@ from firmware_sim.runs.run_log import WITHOUT, RunLog
 from wake.truck.averages import CycleAverage, over_cycles, over_last_cycles
 
 Flags = npt.NDArray[np.bool_]
-"""A truth value for each control period, shape (n,) for n periods."""
+"""Array with a truth value for each of n control periods, shape (n,)."""
 
 _ROUNDING: Final = 1e-9
 """Largest difference in t_c between a sum of two spans and a sample's time that is treated as a rounding error."""
@@ -44,7 +44,7 @@ class Regime:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Averages:
-    """The averages of a run before and under control. `averaged`, shape (n,), marks the periods counted in `under`."""
+    """The averages of a run before and under control. `averaged`, shape (n,), marks the periods averaged in `under`."""
 
     before: Regime
     under: Regime
@@ -99,7 +99,7 @@ def averages(log: RunLog) -> Averages | NoAverages:
 
 def planned_steps(log: RunLog) -> Flags:
     """Return whether the controller planned in each of the n periods, shape (n,)."""
-    # For a period that the ECU skipped, the step time is NaN, but the mode repeats the previous period's mode.
+    # In a period that the ECU skipped, the step time is NaN, and the mode is still that of the previous period.
     return np.asarray((log.series["mode"] == Mode.CONTROL) & np.isfinite(log.series["step_ms"]))
 
 
@@ -150,7 +150,7 @@ def rounded(value: float | None) -> float | None:
 
 
 _SLOW: Final = 0.1
-"""Share of the design speed. At lower speeds |Cl| in units of the present dynamic pressure is not counted."""
+"""Share of the design speed below which |Cl| in units of the present dynamic pressure is left out of the mean."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,10 +161,10 @@ class DriveTotals:
 
     Attributes:
         drag_kJ_per_km, drag_kJ_per_km_without: energy to overcome the wall's drag, with and without control.
-        jets_kJ_per_km: energy that the jets give to the flow; negative if they take energy.
+        jets_kJ_per_km: energy that the jets give to the flow; negative if they take energy from the flow.
         net_kJ_per_km, net_kJ_per_km_without: energy of the jets, plus energy to overcome the drag of wall, slots and
             jet momentum; with and without control.
-        reduction_percent, net_reduction_percent: reductions, by control, of the drag energy and of the net energy.
+        reduction_percent, net_reduction_percent: percentages by which control reduces the drag energy and net energy.
         abs_Cl, abs_Cl_without: mean of |Cl| in units of the present speed's dynamic pressure, with and without control.
         in_control_percent: percentage of the periods in control; the energies include all periods.
     """

@@ -39,7 +39,7 @@ _ECUS: Final = {"python": "in Python", "c": "in C, on this machine", "mcu": "in 
 ENOUGH_CYCLES: Final = 2
 """Smallest number of cycles that an average needs, because drag varies by several per cent between cycles."""
 _STILL: Final = 0.01
-"""Rms action, as a share of the limit, below which the jets count as still. A working controller reaches a half."""
+"""Rms action, as a share of the limit, below which the jets count as still. A working controller reaches about 0.5."""
 
 
 def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:
@@ -75,7 +75,7 @@ def _drive_rows(drive: DriveTotals) -> list[tuple[str, str, str]]:
 def service_rows(log: RunLog) -> list[tuple[str, str]]:
     """Return (quantity, value) as text for each row about the bus and the ECU."""
     run, timing, longest, delay = log.metadata, latency(log), sample_to_jets_ms(log), actuator_delay_ms(log)
-    # The emulation's own time is not compared with the core's budget.
+    # For an emulated core, the time that the emulation takes on this machine is not compared with the budget.
     on_this_machine = [("emulating a step on this machine, p50 / p90 / p99 / max", _measured(timing))]
     if run.ecu.clock_mhz is None:
         within = f"within {run.budget_ms:g} ms in {timing.steps - timing.over_budget}"
@@ -151,8 +151,8 @@ def _judged(log: RunLog, found: Averages) -> str:
         return f"{drag}; no reduction is claimed: the jets hardly moved (rms action {under.rms_action:.2g})."
     percent = found.reduction_percent
     text = f"{drag}: {abs(percent):.1f} % {'more' if percent < 0 else 'less'}"
-    # A two-dimensional wake can be deflected to one side, which reduces drag and increases lift. Such a reduction is
-    # not a success of control.
+    # A two-dimensional wake can be deflected to one side, which reduces drag but increases lift. This does not count as
+    # a success of control.
     if abs(under.mean_Cl) > 0.1 * before.abs_Cl + 0.1:
         return f"{text}, but the wake is deflected: mean Cl {before.mean_Cl:+.2f} to {under.mean_Cl:+.2f}."
     if under.abs_Cl >= before.abs_Cl:

@@ -1,5 +1,5 @@
 """The recorded wake of a run: still pictures of the flow, one every few control periods. They are small enough to be
-stored with every run. Stills are lossy WebP pictures in grey, which every browser can decode."""
+stored with every run. Stills are grey, lossy WebP pictures, which every browser can decode."""
 
 import io
 import json
@@ -97,7 +97,7 @@ def save(path: Path, wake: WakeStills) -> None:
 
 
 def load(path: Path, log: RunLog) -> WakeStills:
-    """Read a file written by `save`. Raises StillwakeError if it is damaged, or belongs to another schema or run."""
+    """Read a file written by `save`. Raises StillwakeError if it is damaged, or of another schema or run."""
     try:
         data = read_npz(path)
         header = strict_json.decode(data.text("header").encode())
@@ -122,7 +122,7 @@ def _check(wake: WakeStills, total: int, log: RunLog) -> None:
     if not count or wake.k.shape != (count,) or wake.t.shape != (count,):
         raise ValueError(f"{count} stills for {len(wake.k)} periods")
     if sum(map(len, wake.stills)) != total:
-        raise ValueError("the sizes of the stills do not add up to the size of their data")
+        raise ValueError("the sizes of the stills do not add up to the size of the stored data")
     times = log.series["t"]
     if wake.k[0] < 0 or wake.k[-1] >= len(times) or (np.diff(wake.k) <= 0).any():
         raise ValueError(f"the periods of the stills must increase and be in 0..{len(times) - 1}")

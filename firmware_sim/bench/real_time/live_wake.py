@@ -27,10 +27,10 @@ from wake.plant.drive import Drive
 from wake.truck.truck_wake import TruckWake
 
 _ROOM: Final = 0.9
-"""Largest share of a control period that the solver may take; transfers and other processes need the rest."""
+"""Share of a control period that the solver may take without a warning; transfers and other processes need the rest."""
 COARSE: Final = (0.75, 15)
-"""Grid refinement, and time steps per control period, of a fast plant. It is the fastest known plant on which the
-shipped controller acts as on the default grid (docs/explanation/solver.md)."""
+"""Grid refinement, and time steps per control period, of the fastest known plant on which the shipped controller acts
+as on the default grid (docs/explanation/solver.md)."""
 
 
 class Speed(NamedTuple):
@@ -41,7 +41,7 @@ class Speed(NamedTuple):
 
     @classmethod
     def of(cls, wake: TruckWake, periods: int = 20, clock: Callable[[], float] = time.perf_counter) -> "Speed":
-        """Measure control periods with the jets shut, including the sampling; then restore the wake's state."""
+        """Measure the computing time of `periods` control periods with sampling; then restore the wake's state."""
         begin, times = wake.state(), []
         for _ in range(periods):
             began = clock()
@@ -59,7 +59,7 @@ class Speed(NamedTuple):
                 f"the wake takes {self.typical_ms:.1f} ms for a control period of {period_ms:g} ms on this machine "
                 f"(flow.refinement = {refinement:g}, flow.substeps = {substeps}): it cannot keep up. Use a coarser "
                 f"grid and longer steps{coarser if refinement > COARSE[0] else ''}, "
-                f"or a vehicle {lacking:.2g} times as slow (operating_point.speed)"
+                f"or divide operating_point.speed by {lacking:.2g}"
             )
         if self.typical_ms > _ROOM * period_ms or self.worst_ms > period_ms:
             return (
@@ -70,12 +70,12 @@ class Speed(NamedTuple):
 
 
 _LONGEST_END_S: Final = 5.0
-"""Longest wait in s for the solver's process to end: it may have to finish a control period before Python exits."""
+"""Longest wait in s for the end of the solver's process, which may first have to finish a control period."""
 
 
 class LiveWake(NeverCopied):
-    """A live wake in a separate process; a context manager whose start takes seconds. Raises StillwakeError if the
-    plant cannot be opened. `speed` is the computing time of a control period, measured before the start.
+    """A live wake in a separate process, as a context manager. The constructor takes seconds, and raises StillwakeError
+    if the plant cannot be opened. `speed` is the computing time of a control period, measured before the start.
 
     Args:
         start: file with the initial state; if None, the shipped state, interpolated to the grid in use.
@@ -119,7 +119,7 @@ class LiveWake(NeverCopied):
         return np.asarray(self._cp)
 
     def drive(self, action: float) -> None:
-        """Start the next control period with a ramp of the jets to `action`, unless a period is being computed."""
+        """Start computing a control period in which the jets ramp to `action`, unless a period is being computed."""
         if not self._is_busy:
             try:
                 self._pipe.send(action)
@@ -153,7 +153,7 @@ class LiveWake(NeverCopied):
 
 def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | None) -> None:
     """Run in the solver's process: let the flow develop, then compute one control period for each received action."""
-    # A terminal or a service manager may signal all processes, but the vehicle itself ends this process.
+    # A terminal or a service manager may signal all processes, but only the vehicle's process may end this process.
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)

@@ -25,7 +25,7 @@ from wake.plant.drive import Drive
 LEAD_IN_NS: Final = 50_000_000
 """Time in ns from the start of the loop to its first sampling instant."""
 _ROOM: Final = 4096
-"""Largest number of frames stored in a period: about the frames of one second on a fully loaded classic bus."""
+"""Largest number of frames stored in a period, about as many as a fully loaded classic bus carries in one second."""
 WRITTEN_EVERY: Final = 500
 """Number of periods between two writes of the freshness file: 500 periods of 20 ms are ten seconds."""
 
@@ -69,12 +69,12 @@ def run_vehicle(
     per_second = max(1, round(SILENCE_S * 1e9 / config.period_ns))
     enable_from = None if course.enable_after_s is None else round(course.enable_after_s * 1e9 / config.period_ns)
     times = None if course.stage_times is None else StageTimes(VehicleStage, course.periods or USUAL_PERIODS)
-    bus.receive_all()  # drops the frames that arrived before the run
-    # A frame arrives when the receive thread reads it, so its wait in the kernel counts as a part of its transmission.
+    bus.receive_all()  # discards the frames that arrived before the run
+    # A frame's time of arrival is when the receive thread reads it, so the transmission includes the kernel's delay.
     inbox = Inbox(lambda frame: clock.now_ns(), room=_ROOM)
     with ExitStack() as stack:
         if store is not None:
-            # Also if the bus or the live wake fails: otherwise recorded commands could be replayed after a restart.
+            # The freshness value is stored even on failure; otherwise recorded commands could be replayed afterwards.
             keep = store.accepted
             stack.callback(lambda: keep(*node.accepted_freshness))
         report(f"real time: {in_words(stack.enter_context(taken(course.wanted)))}")
@@ -87,7 +87,7 @@ def run_vehicle(
         figures, begun, has_given_up = loop.figures, 0, False
         while not is_stopped() and (course.periods is None or begun < course.periods):
             if course.drive is not None:
-                # In periods without pressures neither the live wake's time nor the drive's time may advance.
+                # In a period without pressures, the live wake's time stands still; so must the drive's time.
                 driven_s = (begun - figures.unsampled) * config.period_ns / 1e9
                 node.speed = node.stated_speed = course.drive.speed(driven_s)
             loop.period(enable_request=enable_from is not None and begun >= enable_from)

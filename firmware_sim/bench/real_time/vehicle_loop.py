@@ -1,9 +1,8 @@
 """A vehicle in real time: at every sampling instant it sends the pressures, and its jets follow the latest command. The
-pressures are from a recording or a live wake. The memory for the counts does not grow with the length of the run.
+pressures are from a recording or a live wake. Long runs need no more memory than short runs.
 
 Period k begins at the absolute instant t_k. A frame that arrived before t_k belongs to period k - 1, even if this
-process woke late. The jets' driver, `VehicleNode`, makes the same checks as in virtual time, because the checks count
-periods.
+process woke late. The jets' driver, `VehicleNode`, makes the same checks as in virtual time, as they count periods.
 """
 
 from collections import Counter
@@ -41,9 +40,9 @@ LONGEST_FAREWELL: Final = 10
 """Largest number of periods for sending the `FAREWELL` frames: in some periods the live wake may have no pressures."""
 RESOLUTION_NS: Final = 10_000
 LARGEST_AGE_NS: Final = 0xFFFF * AGE_RESOLUTION_NS
-"""Largest age in ns that a frame can state; older values, after a long pause of this process, are not sent."""
+"""Largest age in ns that a frame can state. After a long pause of this process, older pressures are not sent."""
 LONGEST_NS: Final = 2_000_000_000
-"""Longest time in ns that is counted exactly; a longer time is counted as this time."""
+"""Longest time in ns that `Durations` distinguishes; longer times are counted as this time."""
 
 
 class Pressures(Protocol):
@@ -64,7 +63,7 @@ class Replay:
     replay starts from the first row, and the pressures jump. Raises DatasetError if the episode does not exist.
 
     Args:
-        episode: name of the episode; if None, the first episode without a controller, preferably without jets.
+        episode: name of the episode; if None, the first episode without a controller, preferably with shut jets.
     """
 
     def __init__(self, dataset: Dataset, episode: str | None = None) -> None:
@@ -104,7 +103,7 @@ class Durations:
         """Return the nearest-rank quantile in ms, rounded down to 10 us; NaN if there are no times."""
         if self._total == 0:
             return nan
-        # In binary, 0.07 * 100 is 7.000000000000001. Without rounding, the rank would be 8 in place of 7.
+        # In floating point, 0.07 * 100 is 7.000000000000001. Without rounding, the rank would be 8 instead of 7.
         rank = max(1, ceil(round(share * self._total, 6)))
         return int(np.searchsorted(np.cumsum(self._counts), rank)) * RESOLUTION_NS / 1e6
 
@@ -222,7 +221,7 @@ class VehicleLoop:
             due_ns = self._next_instant()
 
     def _next_instant(self) -> int:
-        """Wait for the next sampling instant, and skip each instant for which this process is half a period late."""
+        """Wait for the next sampling instant; skip instants for which this process is half a period or more late."""
         while True:
             due_ns, latest_ns = self._deadlines.due_ns, self._deadlines.period_ns // 2
             self._sleep_until(due_ns)
@@ -267,7 +266,7 @@ class VehicleLoop:
         if cp is None or sampled_ns - due_ns > LARGEST_AGE_NS:
             self.figures.unsampled += is_noted
             return False
-        # The pressures belong to the scheduled instant, so the age that the frame states is the delay of this process.
+        # The pressures are sent as of the scheduled instant; the age in the frame is the delay of this process.
         frame = self._node.sample(
             np.asarray(cp), enable_request=enable_request, now_ns=due_ns, age_ns=max(0, sampled_ns - due_ns)
         )

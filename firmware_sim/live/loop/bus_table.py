@@ -15,11 +15,11 @@ from firmware_sim.live.loop.messages import LiveMessage
 from firmware_sim.runs.run_log import NodeErrors
 
 ROWS: Final = 64
-"""Largest number of rows; if there are more identifiers, those with the lowest priority are left out."""
+"""Largest number of rows. If there are more identifiers, the identifiers with the lowest priority are left out."""
 _UNKNOWN: Final = "unknown"
 """Name shown for a message that is not in the message set of the bus."""
 _BABBLER: Final = "babbler"
-"""Sender shown for a message that neither node defines. The port with a simulated babbling fault sends it."""
+"""Sender shown for a message that is not ours but leaves a node's port: the port's babbling fault sends it."""
 _NS: Final = 10**9
 
 
@@ -82,7 +82,7 @@ class BusTable:
             **{frame_id: listener.state for frame_id, listener in self._listeners.items()},
         }
         passed_ns = last.now_ns - first.now_ns
-        # In the first period there is no earlier period to subtract.
+        # After the first period there are no earlier counts to subtract.
         load = (last.busy_ns - first.busy_ns) / passed_ns if passed_ns else last.load
         return {
             "type": "bus",

@@ -41,7 +41,7 @@ class ControlRequest:
         rearm_frames: number of consecutive good frames that the ECU needs before a request clears a latched fault.
         waits: whether the lead-in has not ended yet; a viewer who sets the request ends the lead-in early.
         rearming: whether the request stays low until the ECU will accept a high request.
-        helped_until: period before which a new request clears latched faults without a viewer's action.
+        helped_until: period before which latched faults are cleared automatically, by a new request.
         first: period of the first request for control; None before this request.
     """
 
@@ -58,13 +58,13 @@ class ControlRequest:
         self.wanted, self.waits, self.rearming = wanted, False, False
 
     def rearm(self, fail_safe: FailSafe, *, given_up: bool) -> bool:
-        """Withdraw the request if only a new request can restore control; return whether it was withdrawn."""
+        """Withdraw the request if control can start only with a new request; return whether it is withdrawn now."""
         latched = given_up or fail_safe.mode in _NEEDS_A_RISE
         self.rearming = self.rearming or (self.first is not None and self.wanted and latched)
         return self.rearming
 
     def begins(self, k: int) -> bool:
-        """End the lead-in and request control if period k is after the lead-in; return whether this call did so."""
+        """If period k is the first after the lead-in, request control; return whether this call requested it."""
         if not (self.waits and k >= self.lead_in):
             return False
         self.wanted, self.waits = True, False
@@ -93,10 +93,10 @@ class ControlRequest:
 
 
 class DragMeans:
-    """The mean drag in one run of the loop, from the latest samples; `control_period` is their distance in t_c.
+    """The mean drag in one run of the loop, from the latest samples, one for each `control_period` (in t_c).
 
     Attributes:
-        uncontrolled: mean Cd over the whole shedding cycles before the first request for control; None without one.
+        uncontrolled: mean Cd over the whole shedding cycles before the first request; None without a whole cycle.
         now: mean Cd over the latest shedding cycle; None before the first whole cycle.
     """
 
@@ -111,7 +111,7 @@ class DragMeans:
         self._samples.append((sample.t, sample.Cd, sample.Cl))
 
     def update(self, *, without_control: bool) -> None:
-        """Update the averages; update `uncontrolled` only if all stored samples are without control."""
+        """Update `now` and, if all stored samples are without control (`without_control`), also `uncontrolled`."""
         if without_control:
             t, drag, lift = np.array(self._samples, dtype=float).T
             try:
@@ -227,9 +227,8 @@ class LiveRun:
         self.ecu = ecu
 
     def help(self) -> bool:
-        """Clear latched faults with a new request for control. Do the same in the next periods, because earlier
-        disturbances may latch further faults then. Restart an ECU that has excluded a sensor. Return whether the
-        request was withdrawn."""
+        """Clear latched faults with a new request for control, also in the next periods, in which earlier disturbances
+        may still latch faults. Restart an ECU that has excluded a sensor. Return whether the request is withdrawn."""
         if self.state.sensors.set_aside is not None and not self.is_off:
             self.power_on()
         longest = max(self._config.ecu.loss_window, self._config.vehicle.loss_window)
@@ -237,7 +236,7 @@ class LiveRun:
         return self.request.rearm(self.state.fail_safe, given_up=self.node.has_given_up)
 
     def power_on(self) -> None:
-        """Start the ECU. If the ECU is running, its supply is interrupted for a moment, so that it restarts."""
+        """Start the ECU. If it is running, interrupt its supply for a moment, so that it starts again."""
         self._reset(round(BOOT_S * 1e9))
         self.is_off = False
 
@@ -250,7 +249,7 @@ class LiveRun:
         """Return the state after the latest period."""
         state, mode = self.state, self.state.fail_safe.mode.name
         aside = state.sensors.set_aside
-        # An ECU that is off or booting makes no step; its trace is then from an earlier step and is ignored.
+        # An ECU that is off or booting makes no step. Its trace, which is from an earlier step, is ignored.
         gate = Intervention(0) if self.is_off or not self._loop.ecu_is_up else self.ecu.ecu.trace.interventions
         return SeenState(
             state=UNPOWERED if self.is_off else mode if self._loop.ecu_is_up else BOOT,
@@ -262,7 +261,7 @@ class LiveRun:
         )
 
     def set_disturbances(self, texts: tuple[str, ...]) -> None:
-        """Apply only these disturbances from the next period on. A new disturbance ends the repair by `help`."""
+        """Apply only these disturbances from the next period on. A new disturbance ends the clearing by `help`."""
         if self.disturbances.set(texts, self.k):
             self.request.helped_until = 0
 

@@ -10,7 +10,7 @@ one answer to each request.
                           (by a viewer), "state" (of the ECU), "vehicle", "bus" or "loop"
     settings              `settings`, a `LiveSettings`; this message is sent after every change
     loop                  `state` of the loop's process: starting, running, busy (for some seconds) or ended; `text`:
-                          one line about the present work, or the reason for the process's end; this message is first
+                          one line about the present work, or on why the process ended; a viewer gets it first
 
 A viewer needs only the latest `loop`, `hello`, `now`, `bus`, `settings` and picture, but all `periods` and `events`. At
 `hello` a viewer discards all earlier data: they belong to another run, or are sent again. NaN and infinity are null.
@@ -32,12 +32,12 @@ LiveMessage = dict[str, Any]
 Request = dict[str, Any]
 """A viewer's request: an `id`, which the answer repeats, and an action of `firmware_sim.live.settings.ACTIONS`."""
 LiveAnswer = dict[str, Any]
-"""An answer: the request's `id`, `error` if it changed nothing, and `note` if the change needs an explanation."""
+"""An answer: the request's `id`; `error` if the request changed nothing; `note` if the change needs an explanation."""
 Choice = dict[str, Any]
-"""A controller or plant to choose: `name`, `label`, and `missing`, null or one line on why it cannot be chosen."""
+"""A controller or plant to choose from: `name`, `label`, and `missing`, null or the reason why it cannot be chosen."""
 
 
 def periods_message(run: int, rows: Iterable[Sequence[float | None]]) -> LiveMessage:
-    """Return the message `periods` with these rows, each of which has a value for each of `PERIOD_COLUMNS`."""
+    """Return the message `periods` with these rows; each row has one value per column in `PERIOD_COLUMNS`."""
     columns = [list(column) for column in zip(*rows, strict=True)]
     return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}

@@ -91,7 +91,8 @@ _NODE: Final[Mapping[BusState, str]] = {
 KEPT: Final = 500
 """Largest number of events stored until they are fetched."""
 QUIET_S: Final = 1.0
-"""Time in s after an event in which repetitions are only counted. Then an event states the count; the time doubles."""
+"""Time in s after an event in which repetitions are only counted. If there were repetitions, an event then states their
+number, and the next counting time is twice as long."""
 _LONGEST_S: Final = 16.0
 
 
@@ -120,7 +121,7 @@ class EventLog:
         self._publish(kind, text, time_s, t)
 
     def pass_to(self, time_s: float, t: float) -> None:
-        """Advance the time. For each event whose counting time has ended, add an event that states its repetitions."""
+        """Advance the time. For each repeated event whose counting time is over, add an event with the count."""
         for text, repeated in list(self._repeated.items()):
             if time_s - repeated.since_s < repeated.quiet_s:
                 continue

@@ -2,9 +2,9 @@
 
 A disturbance acts as in a run in which it starts at the same time. Each disturbance is an item with its own
 `firmware_sim.bench.disturbing.Disturbing`, whose random sequences are numbered after all earlier items' sequences. The
-items of the transducers, and of each node's port, are in the order of the settings; when an item changes, all later
-items end and start again. An ended item in a port passes all new frames on unchanged. It is removed `LINGER_S` later,
-so that frames that it still delays reach the node in order.
+items of the transducers, and of each node's port, are in the order of the settings; when an item changes, the items
+after it end and start again. An ended item in a port passes all new frames on unchanged. It is removed `LINGER_S`
+later, so that frames that it still delays reach the node in order.
 """
 
 from collections import Counter
@@ -25,8 +25,8 @@ from firmware_sim.bench.disturbing import Disturbing
 
 
 class SwitchedPort(WrappedBus):
-    """A node's port whose layers change while the bus runs. Frames from the bus reach the first layer first. Beneath
-    each layer is a plug, a `WrappedBus` whose bus is replaced when the layer beneath it is removed."""
+    """A node's port with layers (faults) that are added and removed while the bus runs. The first layer is next to the
+    bus. Under each layer is a plug, a `WrappedBus` whose bus is replaced when the layer below it is removed."""
 
     def __init__(self, port: Bus) -> None:
         super().__init__(port)
@@ -43,7 +43,7 @@ class SwitchedPort(WrappedBus):
         return plug
 
     def take_out(self, plug: WrappedBus) -> None:
-        """Remove the layer above this plug; frames that this layer still delays are lost."""
+        """Remove the layer that `put` added with this plug; frames that the layer still delays are lost."""
         place = self._plugs.index(plug)
         above = self._plugs[place + 1] if place + 1 < len(self._plugs) else self
         above._bus = plug._bus
@@ -56,7 +56,7 @@ LINGER_S: Final = 1.0
 
 @dataclass(kw_only=True, eq=False)
 class _Item:
-    """A disturbance. `text` is its description without a time; `end` is the first period in which it no longer acts."""
+    """A disturbance. `text` describes it without times; `end` is the first period in which it no longer acts."""
 
     text: str
     group: str
@@ -112,19 +112,19 @@ class SwitchedDisturbances:
             new += [(text, group) for text in here[same:]]
             for item in acting[same:]:
                 item.end = k
-                # A running disturbance reads its end from the span, which must be changed although its class is frozen.
+                # A disturbance reads its end from its span, so the span is changed although its class is frozen.
                 object.__setattr__(item.span, "end_s", k * self._config.period_ns / NS)
                 self._items.remove(item)
                 if item.plugs:
                     self._lingering.append(item)
-        # Bus events at the period's start come after the end of old disturbances and before the start of new ones.
+        # Bus events at the start of period k must see neither the old disturbances nor the new disturbances.
         self._bus.advance_to(k * self._config.period_ns)
         for text, group in new:
             self._begin(text, group, k)
         return bool(new)
 
     def period_over(self, k: int) -> None:
-        """Remove the ended items whose time `LINGER_S` is over after period k; they no longer delay any frames."""
+        """Remove the items that ended `LINGER_S` or more before the end of period k; they delay no frames any more."""
         linger = round(LINGER_S * NS / self._config.period_ns)
         for item in [one for one in self._lingering if one.end + linger <= k + 1]:
             self._lingering.remove(item)

@@ -1,8 +1,8 @@
 """The server's request handlers: the page and its files, the two sockets, and the check of access.
 
 Any web page can make a browser send requests to a server on this machine. Two checks refuse the requests of pages from
-other servers. The request's Origin must be this server. The request's Host must be this server too, because the owner
-of another host name may let this name resolve to this machine (DNS rebinding).
+other servers. A request's Origin, if any, must be the same server as its Host. On loopback, where no token protects the
+page, the Host must be loopback too, because a foreign host name may resolve to this machine (DNS rebinding).
 """
 
 import asyncio
@@ -40,7 +40,7 @@ class PageAccess:
         return cls(token=None if is_loopback(address) else token_urlsafe(TOKEN_BYTES))
 
     def refusal(self, *, host: str, origin: str | None, token: str | None) -> str | None:
-        """Return the reason why a request is refused, or None. `origin` is None if the client is no browser."""
+        """Return why a request is refused, or None. `origin` is None if the request has no Origin header."""
         if self.token is None and not is_loopback(_name(host)):
             return "this server answers only to localhost"
         if origin is not None and origin.lower().partition("://")[2] != host.lower():
@@ -59,7 +59,7 @@ def is_loopback(address: str) -> bool:
 
 
 def _name(host: str) -> str:
-    """Return the name in a Host header without its port; empty if there is no valid name."""
+    """Return the name in a Host header without the port; an empty text if the header has no valid name."""
     try:
         return urlsplit(f"//{host}").hostname or ""
     except ValueError:
@@ -99,7 +99,7 @@ MOST_VIEWERS: Final = 32
 BATCHES_A_SECOND: Final = 30.0
 """Largest number of message batches per second to a viewer; a person would not see a higher rate."""
 SEND_BUFFER: Final = 256 * 1024
-"""Size in bytes of the operating system's send buffer for a viewer. A larger buffer would delay the view more."""
+"""Size in bytes of the operating system's send buffer for a viewer. A larger buffer would delay messages more."""
 STALLED_S: Final = 30.0
 """Time in s after which the connection of a viewer that accepts no message is closed."""
 MOST_UNANSWERED: Final = 8
@@ -137,7 +137,7 @@ class ServedPage:
 
     @property
     def cookie(self) -> str:
-        """Name of the cookie with the token. The name differs between servers, because a host's ports share cookies."""
+        """Name of the cookie with the token. It differs between servers, because all ports of a host share cookies."""
         return f"stillwake-{sha256((self.access.token or '').encode()).hexdigest()[:12]}"
 
 
@@ -152,7 +152,7 @@ class Guarded(RequestHandler):
             self.set_header(name, value)
 
     def shown_token(self) -> str | None:
-        """Return the token of this request, from its address or from the cookie that was set with the page's files."""
+        """Return the token of this request, from its address or else from the cookie that was set with the page."""
         return self.get_query_argument("token", None) or self.get_cookie(self.served.cookie)
 
     def prepare(self) -> None:
@@ -225,7 +225,7 @@ class Socket(Guarded, WebSocketHandler):
 
 
 class StreamSocket(Socket):
-    """The stream of messages to a viewer. Each has the data that were newest when the previous message was accepted."""
+    """The stream of messages to a viewer. Each message gets the newest data after the previous one was accepted."""
 
     _sending: "asyncio.Task[None] | None" = None
 
@@ -280,7 +280,7 @@ class ControlSocket(Socket):
         if refusal is not None:
             await self._answer(refusal, number)
             return
-        # The task is not awaited here, because pings and closing of the WebSocket would then wait for the loop too.
+        # The task is not awaited here: the WebSocket's pings and its closing would then have to wait for the loop too.
         task = asyncio.create_task(self._ask(str(message), number))
         self._unanswered.add(task)
         task.add_done_callback(self._unanswered.discard)

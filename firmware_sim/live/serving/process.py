@@ -28,7 +28,7 @@ _IDLE_S: Final = 0.02
 
 
 MakeSession = Callable[[Callable[[str], None]], "LiveSession"]
-"""Function that creates the session in the loop's process; its argument shows viewers a line about the present work."""
+"""Function that creates the session in the loop's process, given a function that shows a line of text to viewers."""
 
 
 def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
@@ -37,9 +37,9 @@ def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
     The process sends pairs: ("messages", list), ("answer", (number, Answer)) and, as the last pair, ("ended", error).
     It receives pairs of a number and a request as JSON. With `fast` a period may take less time than on a vehicle.
     """
-    # `os._exit` ends the process at once. An exception would not: Python only prints it if a callback is running.
+    # `os._exit` ends the process at once. An exception might not: within a callback, Python only prints exceptions.
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
-    # Both signals were blocked at the start. SIGINT (Ctrl-C) stays blocked, because the server ends the process.
+    # `started` blocked SIGTERM and SIGINT (Ctrl-C). SIGINT stays blocked, because the server ends this process.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM,))
     outbox = Outbox(pipe)
     try:
@@ -119,7 +119,7 @@ def _make(work: Callable[[], None], made: Future[None]) -> None:
 
 
 class Outbox:
-    """A sender of messages for all threads. After the server has ended it drops messages; `run` detects this end."""
+    """A sender of messages for all threads. If the server has ended, messages are dropped, and `run` ends."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe, self._lock = pipe, Lock()
@@ -139,7 +139,7 @@ class Outbox:
 
 
 def _that_travels(error: Exception) -> Exception:
-    """Return the error, or a StillwakeError with its text if another process could not unpickle the error."""
+    """Return the error or, if another process could not unpickle it, a StillwakeError with the same text."""
     try:
         copy: Any = pickle.loads(pickle.dumps(error))
     except Exception:  # noqa: BLE001  (pickle raises what the error's class raises)
@@ -148,14 +148,13 @@ def _that_travels(error: Exception) -> Exception:
 
 
 LONGEST_END_S: Final = 3.0
-"""Time in s in which the process may end by itself. Then it is terminated; after this time again, it is killed."""
+"""Time in s in which the process may end by itself. Then it is terminated and, after the same time again, killed."""
 
 
 @contextmanager
 def started(make: MakeSession, *, fast: bool) -> Iterator[tuple[BaseProcess, Connection]]:
-    """Start a process that executes `run`; yield the process and this end of the pipe. At the block's end, the
-    process is ended if it still runs. A thread that waits for the pipe then gets EOFError or OSError. `make` must be
-    picklable."""
+    """Start a process that executes `run`; yield the process and this side's end of the pipe. After the block, the
+    process is ended if it still runs, and a thread that waits for the pipe gets EOFError or OSError. Pickles `make`."""
     # The process is spawned, not forked: a fork would also copy locks that this process's threads hold.
     context = multiprocessing.get_context("spawn")
     pipe, theirs = context.Pipe()

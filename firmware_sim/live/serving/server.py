@@ -28,7 +28,7 @@ PING_S: Final = 20.0
 _IDLE_S: Final = 10.0
 """Time in s after which a connection without a complete request is closed."""
 MOST_CONNECTIONS: Final = 128
-"""Largest number of connections: four for each viewer, half of the smallest limit of a process's file descriptors."""
+"""Largest number of connections: four per viewer. This is half of the lowest usual limit of open files per process."""
 
 
 def application(
@@ -54,7 +54,7 @@ def application(
 
 
 class BoundedServer(HTTPServer):
-    """A server that limits the number, duration and bytes of connections, even before clients send a token."""
+    """A server that limits the number, idle time and request size of connections, even before clients send a token."""
 
     def initialize(self, application: Application, *, idle_s: float = _IDLE_S) -> None:  # type: ignore[override]
         super().initialize(
@@ -115,8 +115,7 @@ async def serve(
     try:
         while not is_stopped() and not loop.done():
             await asyncio.wait([loop], timeout=LOOK_S)
-        # A stop signal may reach all processes of a service, so the loop may end shortly before `is_stopped` becomes
-        # true.
+        # A stop signal may reach all processes of a service, so the loop may end shortly before `is_stopped` is true.
         await asyncio.sleep(0.0 if is_stopped() else LOOK_S)
     finally:
         server.stop()

@@ -1,4 +1,4 @@
-"""The supervisor runs the loop's process, stores the loop's messages once for all viewers, and passes on requests. A
+"""A supervisor that runs the loop's process, stores the loop's messages once for all viewers, and passes on requests. A
 `Viewer` stores only its position in the streams, so a slow viewer needs no more memory than a fast viewer."""
 
 import asyncio
@@ -18,7 +18,7 @@ PICTURE: Final = "picture"
 STREAMS: Final = ("loop", "hello", "settings", "events", "periods", "now", "bus", PICTURE)
 """The order in which a viewer gets the streams; `hello` states the run to which the later streams belong."""
 MOST_ROWS: Final = 500
-"""Largest number of periods, or of events, in one message: a new viewer has to wait for such a message."""
+"""Largest number of periods, or of events, in one message, because a new viewer has to wait for a long message."""
 _KEPT: Final = {"events": 500, "periods": KEPT_PERIODS}
 """Largest number of stored items of these two streams. Of every other stream only the newest message is stored."""
 
@@ -35,7 +35,7 @@ class Hub:
             self._keep(message)
 
     def after(self, stream: str, count: int) -> tuple[LiveMessage | bytes | None, int]:
-        """Return the content that a stream got after `count`, or None, and the count for the next call."""
+        """Return what a stream got after its first `count` items, or None, and the count for the next call."""
         items, count = self._streams[stream].after(count, MOST_ROWS)
         if not items:
             return None, count
@@ -69,8 +69,8 @@ class Viewer:
         self._counts = dict.fromkeys(STREAMS, 0)
 
     def take(self, stream: str) -> LiveMessage | bytes | None:
-        """Return the content of a stream that this viewer has not yet received, or None. The content is the newest
-        value, or the oldest `MOST_ROWS` periods or events that the hub still has."""
+        """Return what this viewer has not yet received of a stream, or None: the newest message or, of periods and
+        events, the oldest that the hub still has, at most `MOST_ROWS`."""
         message, self._counts[stream] = self._hub.after(stream, self._counts[stream])
         if stream == "hello" and message is not None:
             # A page discards its data at a `hello`, so the stored data of the streams after `hello` are sent again.
@@ -145,7 +145,7 @@ class Supervisor:
         again = f"{self._why}; " if self._why else ""
         self._put("starting", again + STARTING)
         in_thread = asyncio.get_running_loop().run_in_executor
-        # Leaving these contexts blocks on purpose: the process must have ended when a cancelled task returns.
+        # The end of this block waits on purpose: when a cancelled task returns, the process must have ended.
         with (
             ThreadPoolExecutor(1, "answers") as receiving,
             ThreadPoolExecutor(1, "requests") as sending,

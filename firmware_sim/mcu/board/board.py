@@ -40,7 +40,7 @@ _COUNTER, _RANDOM, _CAN, _FLASH, _CORE = 0x5C00_8000, 0x4802_1800, 0x4000_A000, 
 _STAMPS: Final = 0x4000_0400
 _READABLE: Final = unicorn_const.UC_PROT_READ
 _LONGEST_US: Final = 600_000_000
-"""Wall time in us after which a core that has not gone to sleep is considered failed."""
+"""Wall-clock time in us after which a core that is not asleep counts as failed."""
 
 
 Part = Counter | RandomNumbers | StampTimer | CanController | FlashController | CoreRegisters
@@ -120,7 +120,7 @@ class Board(EmulatedCore):
             raise self._raised.pop()
 
     def _guarded(self, work: Callable[[], object]) -> int:
-        """Call a register's function. An exception stops the emulation; then `_execute` raises the same exception."""
+        """Call `work`, which accesses a register. Its exception stops the emulation, and `_execute` raises it again."""
         if self._raised:
             # The core executes a few more instructions before it stops; these instructions must have no effect.
             return 0
@@ -133,7 +133,7 @@ class Board(EmulatedCore):
             return 0
 
     def _registers_of(self, part: Part, shift: int) -> tuple[Any, ...]:
-        """Return Unicorn's callbacks for a page of registers. The page's first register is at offset `shift`."""
+        """Return Unicorn's callbacks for a part's page, in which the part's registers begin at offset `shift`."""
 
         def read(_core: Any, offset: int, size: int, _data: Any) -> int:
             if part is self.flash:
@@ -142,7 +142,7 @@ class Board(EmulatedCore):
 
         def write(_core: Any, offset: int, size: int, value: int, _data: Any) -> None:
             self._guarded(lambda: part.write(_whole(offset, size) - shift, value & 0xFFFF_FFFF))
-            # During a flash operation the core may not read the bank, so that this class notices each attempt.
+            # During a flash operation the bank is protected against reads, so that each read calls `_read_amid`.
             if part is self.flash and self.flash.is_at_work:
                 self._protect(unicorn_const.UC_PROT_NONE)
             if part is self._registers and offset == CPACR and self._registers.has_floats:
@@ -156,12 +156,12 @@ class Board(EmulatedCore):
         return True
 
     def _loaded(self, offset: int, size: int) -> int:
-        """Read from a page that has an unreadable word."""
+        """Return what the core reads at `offset`, in a page with unreadable words."""
         self.flash.stall()
         if self.flash.is_bad(offset):
             self.flash.found_bad(offset)
             if not (self._registers.ignores_bus_faults and self._core.reg_read(arm_const.UC_ARM_REG_FAULTMASK)):
-                raise McuError(f"bus fault: the flash's word at {BANK + offset:#x} cannot be read")
+                raise McuError(f"bus fault: the flash word at {BANK + offset:#x} is unreadable")
         return int.from_bytes(self.flash.bank.content[offset : offset + size], "little")
 
     def _flash_changed(self, offset: int, size: int) -> None:
@@ -188,7 +188,7 @@ class Board(EmulatedCore):
         self._bad_pages = set(self._bad_wanted)
 
     def _protect(self, rights: int) -> None:
-        """Give the core these rights to the bank."""
+        """Set the core's access rights to the readable pages of the bank."""
         if rights != self._rights:
             self._rights = rights
             for page in range(BANK, BANK + BANK_BYTES, _PAGE):

@@ -25,7 +25,7 @@ from firmware_sim.mcu.board.small_parts import SystemReset
 from firmware_sim.mcu.build import BUS_KEY, NO_COMPILER, Firmware, bus_key_header, compile_board, read_elf
 
 _SCRATCH: Final = SRAM + SRAM_BYTES - 16384
-"""Start of the memory that is used for a debugger's data, after all linked sections."""
+"""Start of the memory, after all linked sections, for structs that this class passes to functions of the firmware."""
 
 
 class BoardEcu(CEcuState):
@@ -102,7 +102,7 @@ class BoardEcu(CEcuState):
     ) -> list[Frame]:
         """Run one control period like `Ecu.step`; `around` must be empty. Raises McuError if the core stopped."""
         if any(around.values()):
-            raise McuError("no fault or update from outside is possible: the board's firmware detects them itself")
+            raise McuError("a board's own firmware detects faults and updates: they cannot be passed to its step")
         self.board.blocks.start()
         self.board.counter.now_ns = max(c_time(now_ns), self.board.counter.now_ns)
         self.board.can.surround(health)
@@ -119,7 +119,7 @@ class BoardEcu(CEcuState):
         return left + self.board.can.handed_over()
 
     def advance(self, until_ns: int, frames: Sequence[Frame] = ()) -> list[Frame]:
-        """Receive frames, advance to `until_ns`, return sent frames. Raises errors as `Board.run` does."""
+        """Receive frames, advance to `until_ns` and return the frames sent. Raises the errors of `Board.run`."""
         self._bring(frames)
         while self.board.counter.compare_ns <= until_ns:
             self.board.counter.now_ns = max(self.board.counter.compare_ns, self.board.counter.now_ns)
@@ -159,7 +159,7 @@ class BoardEcu(CEcuState):
         return int(value)
 
     def _asked(self, function: str, packed: Any) -> int:
-        """Call an ECU's function with a struct, update the copy of the ECU's state, and return the result."""
+        """Call a function of the ECU with a struct; then update the copy of the ECU's state and return the result."""
         self.board.poke(_SCRATCH, bytes(packed))
         answer = self.board.call(function, self._place, _SCRATCH)
         self._load()
@@ -172,7 +172,7 @@ class BoardEcu(CEcuState):
 
 
 LONGEST_UNSEEN_NS: Final = 20_000_000
-"""Longest advance in ns between two reads of the bus. With a slower emulation, the board's time falls behind."""
+"""Longest advance in ns between two reads of the bus. If emulating it takes longer, the board's time falls behind."""
 
 
 def read_bank(path: Path) -> FlashBank:

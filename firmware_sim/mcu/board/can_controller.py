@@ -30,7 +30,7 @@ _RXF0S, _RXF0A, _TXFQS, _TXBRP, _TXBAR, _TXBCR, _TXBTO = 0xA4, 0xA8, 0xC4, 0xCC,
 _DBTP, _NBTP, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, _TXBC = 0x0C, 0x1C, 0x80, 0x84, 0x88, 0x90, 0xA0, 0xC0
 _PLAIN: Final = {_DBTP, _NBTP, _TSCC, 0x48, 0x54, 0x5C, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, 0xBC, _TXBC, 0xC8}
 _PROTECTED: Final = _PLAIN - {0x54, 0x5C}
-"""Registers that only store values (`_PLAIN`), and registers writable only while CCE is set (`_PROTECTED`)."""
+"""Registers that only store values (`_PLAIN`), and those writable only while INIT and CCE are set (`_PROTECTED`)."""
 _INIT, _CCE, _BRSE = 1, 2, 0x200
 _RF0N, _RF0L, _BO = 1, 8, 1 << 25
 _XTD, _FDF, _BRS = 1 << 30, 1 << 21, 1 << 20
@@ -39,9 +39,9 @@ _EVER_NS: Final = 1 << 63
 
 
 class CanController:
-    """The registers and message RAM of a CAN controller; `clock` returns the board's time in ns, `stamps` the external
-    counter at such a time. After the firmware clears INIT, `init_reads_late` reads of CCCR still show INIT: the change
-    must pass to another clock domain. After a bus-off, `init_sets_late` reads of CCCR do not show INIT yet."""
+    """The registers and message RAM of a CAN controller. `clock` returns the board's time in ns; `stamps` returns the
+    external counter at a time in ns. After the firmware clears INIT, `init_reads_late` reads of CCCR still show INIT,
+    because the change passes to another clock domain. After a bus-off, `init_sets_late` reads do not show INIT yet."""
 
     def __init__(self, clock: Callable[[], int], stamps: Callable[[int], int]) -> None:
         self._clock, self._stamps = clock, stamps
@@ -74,7 +74,7 @@ class CanController:
 
     def receive(self, frame: Frame) -> None:
         """Receive a frame from the bus. Drop the frame if no filter accepts it or FIFO 0 is full."""
-        # An INIT set by a bus-off needs no check here: the bus delivers no frames until the recovery.
+        # If INIT was set by a bus-off, no check is needed here: the bus delivers no frames until the recovery.
         if (self._control & _INIT and not self._went_off) or not self._accepts(frame):
             return
         self._interrupts |= _RF0N
@@ -152,7 +152,7 @@ class CanController:
             self._interrupts &= ~value
         elif offset == _RXF0A:
             if self._level == 0 or value != self._get:
-                raise McuError(f"CAN controller: element {value} is acknowledged, but FIFO 0 is at {self._get}")
+                raise McuError(f"CAN controller: element {value} is acknowledged, but FIFO 0's next is {self._get}")
             self._get = (self._get + 1) % (self._kept[_RXF0C] >> 16 & 127)
             self._level -= 1
         elif offset == _TXBAR:
@@ -208,7 +208,7 @@ class CanController:
     def _time_stamp(self, at_ns: int) -> int:
         source = self._kept[_TSCC] & 3
         if source == _BITS and self._control & _BRSE:
-            raise McuError("CAN controller: TSCC counts bits, which differ in duration with bit-rate switching")
+            raise McuError("CAN controller: TSCC counts bits, but bit-rate switching makes bits of two durations")
         return self._stamps(at_ns) & 0xFFFF if source == _EXTERNAL else 0
 
 
@@ -229,7 +229,7 @@ class TransmitBuffers:
         pending, transmitted: bits of the elements that wait to be sent, and of elements sent since their last request.
         put: number of the FIFO's next free element.
         is_on: whether the controller takes part in the bus; if False, it starts no frame.
-        left: sent frames in order, stamped with the time of the request, each with the end of transmission in ns.
+        left: sent frames in order, each stamped with the time of its request, and the end of its transmission in ns.
     """
 
     def __init__(self, element: Callable[[int], Frame], duration_ns: Callable[[Frame], int]) -> None:
@@ -270,7 +270,7 @@ class TransmitBuffers:
         self._drop(bits)
 
     def switch(self, now_ns: int, *, is_on: bool) -> None:
-        """Connect or disconnect the controller. A disconnection stops a transmission, whose frame then waits again."""
+        """Connect or disconnect the controller. A frame in transmission is then stopped, and waits to be sent again."""
         self.progress(now_ns)
         if is_on and not self.is_on:
             self._free_ns = max(self._free_ns, now_ns)

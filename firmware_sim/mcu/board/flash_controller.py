@@ -30,7 +30,7 @@ _KEYS: Final = (0x4567_0123, 0xCDEF_89AB)
 _LOCK, _PG, _SER, _START = 1, 2, 4, 1 << 7
 _BSY, _WBNE, _QW = 1, 2, 4
 _LOOK_NS: Final = 5_000
-"""Time in ns of a read of SR2 during an operation. It is long, so that polling needs few reads."""
+"""Time in ns by which a read of SR2 advances the clock during an operation; it is long, so that polling is quick."""
 _PGSERR, _STRBERR, _INCERR, _DBECCERR = (1 << bit for bit in (18, 19, 21, 26))
 _ERRORS: Final = 0x0FFF_0000
 
@@ -71,7 +71,7 @@ class FlashBank:
         """Read the result of `pack`; raises McuError if it is not a packed bank."""
         bank, words = cls(), SECTOR * SECTORS // WORD
         if len(packed) != words * (WORD + 1) or max(packed[:words]) > 2:
-            raise McuError(f"a flash of {len(packed)} bytes: must be {words * (WORD + 1)}, as a board writes it")
+            raise McuError(f"a flash of {len(packed)} bytes: must be {words * (WORD + 1)}, with word states of 0 to 2")
         bank.programmed[:], bank.content[:] = packed[:words], packed[words:]
         return bank
 
@@ -81,7 +81,7 @@ class FlashController:
     `cut_at` and `seed` are explained at `firmware_sim.mcu.board.board.Board`.
 
     Args:
-        changed: called with the offset and the number of changed bytes.
+        changed: called after each change with (offset of the first changed byte, number of changed bytes).
 
     Attributes:
         operations, erasures: numbers of operations (a sector erased or a word programmed), and of erased sectors.
@@ -130,7 +130,7 @@ class FlashController:
                 if value & _START and value & _SER:
                     self._erase(value >> 8 & 7)
                 elif value & _START:
-                    raise McuError(f"flash controller: CR2 {value:#x} is not modelled: only sectors are erased")
+                    raise McuError(f"flash controller: CR2 {value:#x} is not modelled: only a sector can be erased")
         elif offset == 0x14:
             self._status &= ~(value & _ERRORS)
         else:
@@ -157,7 +157,7 @@ class FlashController:
         return self._counter.now_ns < self._until_ns
 
     def stall(self) -> None:
-        """Advance the time to the end of the present operation: a core that reads the bank waits for it."""
+        """Advance the time to the end of the present operation, for which a core that reads the bank must wait."""
         self.stalled_ns += max(self._until_ns - self._counter.now_ns, 0)
         self._counter.now_ns = max(self._counter.now_ns, self._until_ns)
 

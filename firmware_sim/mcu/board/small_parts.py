@@ -18,8 +18,8 @@ class SystemReset(Exception):  # noqa: N818
 
 
 class Counter:
-    """The generic counter of Arm (CNTReadBase: CNTCV) at 1 GHz, and then a compare register. The core's sleep ends when
-    the counter reaches the compare value. The counter and the compare value have two words each, the low word first.
+    """The generic counter of Arm (CNTReadBase: CNTCV) at 1 GHz, followed by a compare register. The core's sleep ends
+    when the counter reaches the compare value. Both have two words, the low word first.
 
     Attributes:
         now_ns, compare_ns: values of the counter and of the compare register.
@@ -66,7 +66,7 @@ class StampTimer:
         return self.count(self._now_ns())
 
     def write(self, offset: int, value: int) -> None:
-        """Write a register; raises McuError if it is not modelled. An update event takes over the prescaler."""
+        """Write a register; raises McuError if it is not modelled. A new prescaler acts after the next update event."""
         if offset == 0x28:
             self._next = value
         elif offset == 0x14 and value == 1:

@@ -39,7 +39,7 @@ int mcu_step(void)
     return (int)status;
 }
 
-/* Runs a step with a weight that the prior does not support, so that all iterations run. */
+/* Runs a step with a weight for which the prior cannot be used, so that all iterations run. */
 int mcu_longest_step(void)
 {
     mcu_input.weights[SW_RATE] += 1e-6f;

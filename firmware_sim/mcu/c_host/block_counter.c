@@ -5,9 +5,9 @@
 
 typedef struct {
     uint64_t origin; /* first address of the memory with the code */
-    uint64_t places; /* number of half-words of this memory */
-    uint64_t *counts; /* number of executions of blocks that begin at this half-word */
-    uint32_t *sizes;  /* length in bytes of the latest block that began at this half-word */
+    uint64_t places; /* number of half-words in this memory */
+    uint64_t *counts; /* for each half-word: number of executions of the blocks that begin there */
+    uint32_t *sizes;  /* for each half-word: length in bytes of the latest block that began there */
 } block_counts;
 
 void count_block(void *core, uint64_t address, uint32_t size, void *counts);

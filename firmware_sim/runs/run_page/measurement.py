@@ -1,5 +1,5 @@
-"""The export of a run for other programs: series as CSV, with units in the header, and a measurement file. That file
-has the frames with their signals, the other series, the events and pictures of the wake."""
+"""The export of a run for other programs: the series as CSV, with units in the header, or a measurement file, which has
+the frames with their signals, the series, the events, and pictures of the wake."""
 
 import csv
 import io
@@ -49,7 +49,7 @@ _BODY: Final = (209, 209, 209)
 
 
 def write_csv(path: Path, log: RunLog) -> None:
-    """Write the series, completely or not at all; a missing value is empty. Raises StillwakeError on failure."""
+    """Write the series, completely or not at all; a missing value is empty. Raises StillwakeError if this fails."""
     columns = {f"{name} [{unit}]": [_text(name, value) for value in values] for name, unit, values in _series(log)}
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows([columns, *zip(*columns.values(), strict=True)])
@@ -73,9 +73,8 @@ def _text(name: str, value: float) -> str:
 
 
 def write_run(path: Path, folder: RunFolder) -> Counter[str]:
-    """Write a finished run as a measurement file. Return for each message the number of its frames that have no
-    channels in this file. Raises StillwakeError if there is no run, a file of the run is damaged, or the new file
-    cannot be written."""
+    """Write a finished run as a measurement file. Return the number of frames without channels in the file, by message.
+    Raises StillwakeError if there is no run, a file of the run is damaged, or the new file cannot be written."""
     log = run_log.load(folder.series)
     return write_measurement(
         path,

@@ -80,7 +80,7 @@ def wake_of(folder: RunFolder, log: RunLog) -> WakeStills | None:
 
 
 def _bus_rows(folder: RunFolder, log: RunLog) -> list[tuple[str, ...]]:
-    """Return a row for each identifier in the log; no rows for a missing or long log. Damage raises StillwakeError."""
+    """Return a row per identifier of the log; none if it is missing or long. A damaged log raises StillwakeError."""
     if log.traffic.frames > _MOST_FRAMES or not folder.frames.is_file():
         return []
     # These imports take a second, because they import all readers of python-can. So they are inside the function.
@@ -106,7 +106,7 @@ def write_picture(folder: RunFolder, target: Path) -> None:
     check_suffix(target)
     run = read_run(folder)
     kind = target.suffix[1:].lower()
-    # PDF has no metadata field for a description, so the digest is in its field for the subject.
+    # PDF has no metadata field named Description, so the digest is in the field Subject.
     described = {"Subject" if kind == "pdf" else "Description": f"stillwake bundle {run.log.metadata.digest}"}
     with replacing(target) as temporary:
         _overview_figure(run).savefig(temporary, format=kind, metadata=described)
@@ -141,7 +141,7 @@ _MOST: Final = 6
 """Largest number of runs on a page; with more runs the curves could not be distinguished."""
 NONE: Final = "\N{EN DASH}"
 _SAME: Final = "="
-"""Sign for a difference that is zero in the figure's number format."""
+"""Text in place of a difference that is zero when written in the figure's number format."""
 
 _FIGURES: Final = (
     ("mean Cd (wall), uncontrolled", "Cd_uncontrolled", ".4f"),
@@ -172,7 +172,8 @@ class Cell(NamedTuple):
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
-    """Return unique names, with parent folders if needed. Raises StillwakeError for too few, too many or equal runs."""
+    """Return unique names of the runs, with parent folders if needed. Raises StillwakeError if they are too few, too
+    many or not different."""
     places = [Path(os.path.realpath(folder)) for folder in folders]
     if not 2 <= len(places) <= _MOST:
         raise StillwakeError(f"{len(places)} runs: between 2 and {_MOST} can be compared on a page")
@@ -193,7 +194,7 @@ def figure_rows(logs: Sequence[RunLog]) -> list[tuple[str, list[Cell]]]:
 
 
 def differing(logs: Sequence[RunLog]) -> list[tuple[str, list[str]]]:
-    """Return (property, one text per run) for every property that differs."""
+    """Return (property, one text per run) for every property that differs between the runs."""
     made = [_made_with(log) for log in logs]
     names = list(dict.fromkeys(name for one in made for name in one))
     rows = [(name, [one.get(name, NONE) for one in made]) for name in names]
@@ -232,7 +233,7 @@ def _made_with(log: RunLog) -> Mapping[str, str]:
 
 
 def write_comparison(folders: Sequence[RunFolder], target: Path) -> Path:
-    """Write the page; return its path. Raises StillwakeError if runs or files cannot be compared, read or written."""
+    """Write the page that compares the runs; return its path. Raises StillwakeError if this is not possible."""
     names = names_of([folder.path for folder in folders])
     runs = [read_run(folder) for folder in folders]
     logs = [run.log for run in runs]

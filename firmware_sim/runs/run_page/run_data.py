@@ -21,7 +21,7 @@ _SENSOR: Final = re.compile(r"^(\w+):(?:.*,)?sensor(s?)=([^,]+)")
 
 
 class Disturbed(NamedTuple):
-    """A disturbance that acts from period `first` until just before period `after`. Its text states no time."""
+    """A disturbance that acts from period `first` until just before period `after`; `what` is its text without time."""
 
     what: str
     first: int
@@ -61,7 +61,7 @@ _DOES: Final = {**DOES, SKIPPED: "the ECU was still computing or booting, and sk
 
 
 class RunEvent(NamedTuple):
-    """An event at the start of a period: "set" is a change from outside, "state" a change of the ECU's state."""
+    """An event at the start of a period. `kind` is "set" for a change from outside, "state" for a change of the ECU."""
 
     period: int
     kind: str

@@ -79,7 +79,7 @@ def test_a_wrong_file_is_one_line_that_names_file_and_field(written, place) -> N
         (OWN.replace("disturb = [", "disturb = [3, "), r"'late_\{each\}'.*disturb"),
         (OWN.replace("useful = 0.5", "useful = 'much'"), r"criteria\.useful = 'much'"),
         (OWN.replace("useful = 1,", "useful = nan,"), r"'each_\{each\}'.*useful"),
-        (OWN.replace("useful = 1,", "useful = 60,"), r"useful = 60: must be a share from marginal, 0.25, to 1"),
+        (OWN.replace("useful = 1,", "useful = 60,"), r"useful = 60: must be between marginal \(0.25\) and 1"),
         (OWN.replace("{after:20}", "{before:20}"), r"'late_\{each\}'.*\{before\}"),
         (OWN.replace("{after:20}", "{after:soon}"), "soon"),
         (OWN.replace("{after:20}", "{after"), "cannot be filled in"),

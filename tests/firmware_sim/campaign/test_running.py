@@ -99,7 +99,7 @@ def test_behind_another_body_the_loop_closes_and_a_plant_that_is_not_that_body_i
     assert under.course.Cd[: LEAD_IN + 1] == free.course.Cd[: LEAD_IN + 1]
     assert under.service.violations == 0
     refused = ran(replace(task, disturb=("body:length=2",)), release, coarse.start)
-    assert refused.failure == "disturbance 'body:length=2': the plant already has another body"
+    assert refused.failure == "disturbance 'body:length=2': the plant has a different body"
     assert "was built for another body" in ran(replace(square, disturb=()), release, start).failure
 
 

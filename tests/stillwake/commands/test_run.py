@@ -57,7 +57,7 @@ QUICK_ONES = {
     "--state nowhere.npz": "nowhere.npz: not a flow state",
     # Faults on the bus.
     "--disturb ecu:disconnect:kind=device_gone": "use `ecu:disconnect` for an open wire",
-    "--disturb ecu:disconnect@5..10": "begins after the end of the run, at 0.22 s",
+    "--disturb ecu:disconnect@5..10": "begins after the end of the run (0.22 s)",
 }
 
 

@@ -84,11 +84,11 @@ def test_a_wake_that_does_not_keep_up_is_refused_with_the_remedy_and_one_that_on
     with pytest.raises(
         PlantError,
         match=r"takes 72\.0 ms for a control period of 20 ms .*refinement = 1, flow\.substeps = 30.*: it cannot keep up"
-        r"\. .*--set flow\.refinement=0\.75 --set flow\.substeps=15\), or a vehicle 4 times as slow",
+        r"\. .*--set flow\.refinement=0\.75 --set flow\.substeps=15\), or divide operating_point\.speed by 4",
     ):
         Speed(72.0, 90.0).check(20.0, refinement=1.0, substeps=30)
     # The advice is no grid that is in use already; and what it names would do.
-    with pytest.raises(PlantError, match=r"longer steps, or a vehicle 1\.7 times as slow") as caught:
+    with pytest.raises(PlantError, match=r"longer steps, or divide operating_point\.speed by 1\.7") as caught:
         Speed(30.0, 30.0).check(20.0, **coarse)
     assert "refinement=" not in str(caught.value)
     assert Speed(30.0, 30.0).check(1.7 * 20.0, **coarse) is None
