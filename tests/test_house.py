@@ -19,7 +19,7 @@ MOST_MODULES = 15
 MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
-    "source": 59_707, "benchmarks": 4_436, "tests": 51_580, "own C": 15_700, "JavaScript": 2_774, "docs": 2_271,
+    "source": 59_681, "benchmarks": 4_436, "tests": 51_557, "own C": 15_700, "JavaScript": 2_774, "docs": 2_271,
     "examples": 2_026,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""

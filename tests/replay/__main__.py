@@ -188,4 +188,4 @@ def _print(differing: Sequence[Verdict]) -> None:
 
 
 if __name__ == "__main__":
-    run(main)
+    run({"replay": main})
