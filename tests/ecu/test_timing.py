@@ -75,7 +75,8 @@ def test_misses_end_in_a_fault_when_the_settings_say(intervals, settings, expect
 
 
 def test_a_window_longer_than_any_memory_is_as_good_as_one_that_is_never_full():
-    endless = EcuConfig(deadline_window=2**62, deadline_misses=2**62, loss_window=2**62, loss_limit=2**62)
+    never = 2**31 - 1
+    endless = EcuConfig(deadline_window=never, deadline_misses=never, loss_window=never, loss_limit=never)
     full = EcuConfig(deadline_window=6, deadline_misses=6, loss_window=6, loss_limit=6)
     found = []
     for config in (endless, full):

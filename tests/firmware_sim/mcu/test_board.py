@@ -107,7 +107,7 @@ def test_every_frame_and_state_is_the_hosts(sources):
         sent = board.step(at_ns, [], BusHealth(bus_off=4))
     assert [one.timestamp_ns for one in sent] == [at_ns + board.waited_ns] * 2
     assert board._pointer("sw_board_lost") == 4  # what was taken back counts as well
-    with pytest.raises(McuError, match="from outside"):
+    with pytest.raises(McuError, match="cannot be passed to its step"):
         board.step(now_ns, [], fault=Reason.NO_RELEASE)
     can._kept[0x20] = 1
     with pytest.raises(McuError, match="TSCC counts bits"):

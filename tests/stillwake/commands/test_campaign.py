@@ -81,7 +81,7 @@ def test_a_stopped_campaign_says_how_to_go_on_and_no_other_continues_it(cli, ref
     outcome = cli(*call)
     assert outcome.code == 130
     assert outcome.err == f"stopped; {tmp_path / 'out'} holds 2 finished runs; the same command continues\n"
-    assert "other seed; give --overwrite" in refused(*call, "--seed", 1)
+    assert "other seed; give another folder" in refused(*call, "--seed", 1)
     executor.ran.clear()
     executor.stop_after = 0
     nothing = cli("campaign", tmp_path / "other", "--only", "gust", "--phases", 1, "--controlled", 40)

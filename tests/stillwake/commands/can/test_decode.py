@@ -137,7 +137,7 @@ def test_the_summary_counts_what_is_no_frame_by_its_name_and_reads_each_bus_by_i
     assert "can0 120 Pressure 4" in both and "can1 120 Pressure 4" in both
     one = flat(cli("can", "decode", tmp_path / "two.log", "--summary", "--channel", "can1").out)
     assert "16 data frames, 0 remote, 0 error frames" in one
-    assert "it has can0, can1" in cli("can", "decode", tmp_path / "two.log", "--channel", "can2").err
+    assert "no such channel, only can0, can1" in cli("can", "decode", tmp_path / "two.log", "--channel", "can2").err
     assert "can1 Pressure" in flat(cli("can", "monitor", tmp_path / "two.log").out)
     assert "--channel is only for a log" in cli("can", "monitor", "--channel", "can1").err
 
