@@ -2,8 +2,8 @@
 
     python -m examples.film_of_a_run runs/demo film.webp
 
-Scales, and positions and sizes of texts, are the same in all frames, so that only the flow moves. The film is for a
-README: a few words show when control begins and how much control reduces the drag.
+Scales, and positions and sizes of texts, are the same in all frames, so that they do not distract from the flow. The
+film is for a README: a few words show when control begins and how much control reduces the drag.
 """
 
 import sys
@@ -292,7 +292,7 @@ def write_film(path: Path, log: RunLog, story: Story, width: int = 960) -> int:
     """Repeat the simulation of a run from the shipped start, write a film of it, and return the number of frames.
 
     Raises:
-        ConfigError: if the ending of the film's name is unknown.
+        ConfigError: if the extension of the film's file name is unknown.
     """
     config = load_config()
     wake = TruckWake(config.flow)

@@ -1,4 +1,4 @@
-"""A run of the ECU's FMU with a bus terminal, and the plant's FMU, on a simulated bus (docs/how-to/use-the-fmu.md).
+"""A run of the ECU's FMU and the plant's FMU; frames pass through a simulated bus (docs/how-to/use-the-fmu.md).
 
 stillwake export --fmu bus:ecu.fmu && stillwake plant-fmu plant.fmu && python examples/network_of_fmus.py
 """

@@ -1,4 +1,4 @@
-"""A bus fault and a sensor fault that stillwake does not have (docs/reference/disturbances.md).
+"""A bus fault and a sensor fault that are not built into stillwake (docs/reference/disturbances.md).
 
 The bus fault can be put around any port, simulated or real:
 
@@ -28,7 +28,7 @@ from wake.plant.sample import Sample
 
 @dataclass(frozen=True, kw_only=True)
 class EveryNth(SidedFault, section="every_nth"):
-    """A fault that loses every n-th frame, as a gateway with a small buffer does. `acted` counts the lost frames."""
+    """A fault that loses every n-th frame, as a gateway with a small buffer does. A port counts them in `acted`."""
 
     n: Annotated[int, at_least(2)]
 

@@ -6,12 +6,12 @@ from contract.config.plant import FlowConfig
 from contract.sensors import TRUCK
 from wake.plant.sample import Sample
 
-GROWTH, FREQUENCY, PUSH = 0.1, 0.2, 4.0  # 1/t_c, 1/t_c, per action
+GROWTH, FREQUENCY, PUSH = 0.1, 0.2, 4.0  # in 1/t_c; PUSH also per unit of action
 
 
 class OscillatorPlant:
-    """A plant whose state z follows dz/dt = (s + i w) z - s abs(z)^2 z + k a; a is the action. The drag grows with
-    abs(z)^2; the side force and the pressures' deviations from their means are linear in z."""
+    """A plant whose state z follows dz/dt = (s + i w) z - s abs(z)^2 z + k a; s is GROWTH, w is 2 pi FREQUENCY, k is
+    PUSH, a is the action. The drag grows with abs(z)^2; side force and pressure deviations are linear in z."""
 
     layout = TRUCK
     description = "Stuart-Landau oscillator"

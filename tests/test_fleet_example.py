@@ -104,7 +104,7 @@ def test_the_lines_of_the_page_do_the_same(sound, tmp_path, capsys):
     root = repo / "metadata" / "1.root.json"
     to = tmp_path / "new"
     VEHICLE.main([str(repo), str(tmp_path / "s"), "--root", str(root), "--vehicle", "A1", "--to", str(to)])
-    assert "A1 is to run random" in capsys.readouterr().out
+    assert "A1 must run random" in capsys.readouterr().out
     assert bundles.load(to).manifest.name == "random"
 
 

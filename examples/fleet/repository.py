@@ -75,7 +75,7 @@ class Repository:
         self._folder, self._keys, self._now = folder, keys, now
 
     def create(self) -> None:
-        """Make keys and an empty repository."""
+        """Create keys and an empty repository."""
         if self._folder.exists() and any(self._folder.iterdir()):
             raise OutputError(f"{self._folder}: is not empty; name a new folder")
         for name in _KEYS:
@@ -117,7 +117,7 @@ class Repository:
         if verified.signer is None:
             raise StillwakeError(f"bundle {bundle}: is not signed; no ECU would accept it")
         if set(manifest.name) & set("/\\?#%"):
-            raise StillwakeError(f"release {manifest.name}: no vehicle can fetch a name with one of / \\ ? # %")
+            raise StillwakeError(f"release {manifest.name}: no vehicle can fetch a name that contains / \\ ? # or %")
         releases = self._read(RELEASES, Targets)
         place = f"{RELEASES}/{manifest.name}"
         if place in releases.signed.targets:
@@ -135,7 +135,7 @@ class Repository:
 
     def roll_out(self, name: str, percent: int) -> int:
         """Let the first `percent` hundredths of the fleet run a release; other vehicles keep their present releases.
-        Returns the number of hundredths that now run the release, more than `percent` after a greater share."""
+        Return the number of hundredths that must now run the release; earlier calls may have set a greater share."""
         if not 1 <= percent <= BINS:
             raise StillwakeError(f"share of {percent} %: must be in 1..{BINS}")
         place = f"{RELEASES}/{name}"
@@ -207,7 +207,7 @@ def main(arguments: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(description="A TUF repository of release bundles.")
     calls = parser.add_subparsers(dest="call", required=True)
     for call, words in (
-        ("create", "make keys and an empty repository"),
+        ("create", "create keys and an empty repository"),
         ("publish", "add a bundle to the releases"),
         ("roll-out", "let a share of the fleet run a release"),
         ("renew", "sign the timestamp again, once a day"),
@@ -224,12 +224,12 @@ def main(arguments: Sequence[str]) -> None:
     repository = Repository(given.repository, given.keys, datetime.now(UTC))
     if given.call == "create":
         repository.create()
-        print(f"made {given.repository}; give every vehicle its metadata/1.root.json, and lock {given.keys} away")
+        print(f"made {given.repository}; give every vehicle its metadata/1.root.json, and keep {given.keys} secret")
     elif given.call == "publish":
         print(f"published {repository.publish(given.bundle)}; no vehicle gets it yet")
     elif given.call == "roll-out":
         share = repository.roll_out(given.release, given.percent)
-        print(f"{share} % of the fleet are to run {given.release}")
+        print(f"{share} % of the fleet must now run {given.release}")
     else:
         repository.renew()
 

@@ -4,7 +4,7 @@
     stillwake flash new --bus socketcan:can0 --access access.key
 
 This program runs on a computer in the vehicle or in a workshop. The ECU does not rely on these checks, but itself
-checks the bundle's signature, hardware and security version. For a repository on this machine, give its path.
+checks the bundle's signature, hardware and security version. Instead of the URL, the path of a folder can be given.
 
 The folder `state` contains the latest metadata. It must survive a restart, because older metadata is refused.
 """
@@ -40,14 +40,14 @@ class FolderFetcher(FetcherInterface):
     def _fetch(self, url: str) -> Iterator[bytes]:
         path = Path(unquote(urlsplit(url).path))
         if not path.is_file():
-            raise DownloadHTTPError(f"{path}: not there", _NOT_FOUND)
+            raise DownloadHTTPError(f"{path}: does not exist", _NOT_FOUND)
         with path.open("rb") as file:
             while chunk := file.read(_CHUNK):
                 yield chunk
 
 
 def bin_of(vehicle: str) -> int:
-    """Return the index of the vehicle's part of the fleet. It is constant, so a growing share loses no vehicle."""
+    """Return the index of the vehicle's part of the fleet. It never changes, so a growing share loses no vehicle."""
     return int.from_bytes(hashlib.sha256(vehicle.encode()).digest()[:8], "big") * BINS >> 64
 
 
@@ -87,7 +87,7 @@ def fetch(repository: str, state: Path, root: bytes, *, vehicle: str, hardware: 
     files = files_of(image)
     bundle = read_checked(to, files)
     if bundle.digest != custom.get("digest"):
-        raise StillwakeError(f"{place}: holds bundle {bundle.digest[:12]}, which is not the published bundle")
+        raise StillwakeError(f"{place}: contains bundle {bundle.digest[:12]}, which is not the published bundle")
     check_replaceable(to)
     to.parent.mkdir(parents=True, exist_ok=True)
     write_files(to, files)
@@ -126,7 +126,7 @@ def _custom(target: TargetFile) -> dict[str, Any]:
 
 def main(arguments: Sequence[str]) -> None:
     """Fetch the vehicle's release, and print its name."""
-    parser = argparse.ArgumentParser(description="Fetch the release that a vehicle is to run.")
+    parser = argparse.ArgumentParser(description="Fetch the release that a vehicle must run.")
     parser.add_argument("repository", help="URL or folder")
     parser.add_argument("state", type=Path, help="folder that must survive a restart")
     parser.add_argument("--root", type=Path, required=True, help="root metadata from production")
@@ -145,7 +145,7 @@ def main(arguments: Sequence[str]) -> None:
     if bundle is None:
         print(f"nothing is rolled out to {given.vehicle}")
     else:
-        print(f"{given.vehicle} is to run {bundle.manifest.name}: wrote {given.to}")
+        print(f"{given.vehicle} must run {bundle.manifest.name}: wrote {given.to}")
 
 
 if __name__ == "__main__":

@@ -44,8 +44,8 @@ for name in ("sw_control_step.c", "sw_encoder.c", "sw_dynamics.c", "sw_decoder.c
 # -------------
 # The sources are compiled for a bare Cortex-M7 and put into the flash of an emulated core. The core gets recorded
 # pressures, row by row, until the controller's window is full; then it computes one control step. ``expected.txt`` in
-# the folder has the action that the same library computed on a computer. There, other compiler settings round sums
-# differently. With equal settings, core and computer agree to the bit; ``stillwake mcu`` checks every row.
+# the folder has the action that the same library computed on a computer. The computer's compiler settings
+# round sums differently. With equal settings, core and computer agree to the bit; ``stillwake mcu`` checks every row.
 
 from firmware_sim.mcu.build import CORTEX_M7, compile_for_cortex_m7, read_elf
 from firmware_sim.mcu.emulator import Machine
@@ -135,8 +135,8 @@ for clock in CORTEX_M7.clocks_mhz:
 print(table)
 
 # %%
-# Where it goes
-# -------------
+# Where the time goes
+# -------------------
 # A control step encodes the window once. Then each iteration computes the plan's effect with the dynamics, decodes the
 # forces, and computes the gradient of the cost backwards. Forward computations are blue, backward ones red.
 
@@ -154,8 +154,8 @@ axis.set_xlabel("modelled time at 480 MHz / ms   (blue: forward, red: back)")
 plt.show()
 
 # %%
-# What this page is not
-# ---------------------
+# What this page does not show
+# ----------------------------
 # Arm publishes no cycle counts of this core. The model is this project's own; nothing was measured on a real core. The
 # model assumes that code, tables and the decoder's weights are in the caches, and everything else is in tightly coupled
 # memory. A chip without such memory is slower. The number of instructions is exact, and does not depend on data.

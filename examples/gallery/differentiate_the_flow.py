@@ -4,7 +4,7 @@ Differentiate the flow
 
 For flow-control engineers who need the gradient of drag: how drag changes with each earlier action of the jets, and
 with the flow at the start of a time window. At the end you can compute both gradients of any function of sensors and
-forces. The gradients are exact except for rounding, and cost about three runs for any number of actions.
+forces. The gradients are exact except for rounding, and take as long as about three runs for any number of actions.
 
 The flow is computed while this page is built, on a coarse mesh and for a short time.
 """
@@ -38,8 +38,8 @@ drag = np.array([sample.Cd for sample in samples])
 print(f"{PERIODS} periods, {tape.memory_mb:.0f} MB kept, mean drag {drag.mean():.4f}")
 
 # %%
-# Go back
-# -------
+# Compute backwards
+# -----------------
 # The function is the mean wall drag of the window, so ``Cd`` of each period has the weight 1 / 40. Weights may also
 # apply to other values of the sample, differ between periods, or come from a controller that reads the sensors. Each
 # call of ``back`` goes back by one period, and returns the derivative with respect to the action of this period.
@@ -67,7 +67,7 @@ print(f"slope by action 5: {slopes[5]:+.7f}, by differences {(mean_drag(move) - 
 for largest in (0.001, 0.01, 0.04):
     actions = -largest * slopes / np.abs(slopes).max()
     promised = float(actions @ slopes)
-    print(f"actions up to {largest:5.3f}: promised {promised:+.5f}, happened {mean_drag(actions) - drag.mean():+.5f}")
+    print(f"actions up to {largest:5.3f}: predicted {promised:+.5f}, found {mean_drag(actions) - drag.mean():+.5f}")
 
 # %%
 # Over time, and in space

@@ -38,7 +38,7 @@ print(wake.description)
 # %%
 # Two runs
 # --------
-# A run is in virtual time, and depends only on release, settings, start and disturbances. All machines get equal runs.
+# A run is in virtual time, and depends only on release, settings, start and disturbances. All machines give equal runs.
 # Every 20 ms the vehicle sends the pressures over a simulated CAN FD bus, the ECU answers with a command and its
 # status, and the jets follow. Control is requested from 1.3 s on. Each disturbance is a line of text with times in s:
 #
@@ -143,8 +143,8 @@ print(f"sensor set aside: {'never' if noticed is None else f'at {noticed:.2f} s,
 # - **The latched fault.** Good frames alone do not end FAULT: the vehicle must withdraw its request and then request
 #   control again. The drag returns to its value without control, but this takes longer than the plots show.
 #
-# What this page is not
-# ---------------------
+# What this page does not show
+# ----------------------------
 # The runs last 4.8 s, from one start, on a mesh coarser than the default mesh. The side force needs about 4 s to
 # decrease, so this drag is not the release's figure; ``stillwake run runs/demo`` gives that figure.
 # ``stillwake run runs/dead --disturb dead:sensor=base_9@10..`` runs one fault on the default mesh and writes a report.

@@ -5,7 +5,7 @@
 
 #include "sw_ecu.h"
 
-/* Number of frames that can be stored between two steps. Each period has a frame of pressures and one of the speed. */
+/* Number of frames that can be stored between two steps. In each period two frames arrive: pressures and speed. */
 #define ROOM 16
 
 /* Identifiers of the frames that the ECU needs. On a busy bus, other frames would fill the buffer. */

@@ -9,7 +9,7 @@
 #define GRACE 4         /* a step that would begin more than SW_PERIOD_NS / GRACE late is skipped */
 #define LARGEST_SLEW 32 /* a deadline is corrected by at most SW_PERIOD_NS / LARGEST_SLEW */
 
-static sw_ecu ecu; /* the ECU has no other memory */
+static sw_ecu ecu; /* all memory of the ECU */
 static sw_frame received[ROOM], to_send[SW_FRAMES_OUT];
 
 static int64_t next_due(int64_t due_ns, int64_t arrived_ns)

@@ -1,5 +1,5 @@
-/* FreeRTOS has no CAN interface: write clock_ns, and write the three board_ functions in your driver. clock_ns must
- * read a free-running hardware timer: the tick counter is too coarse, and the tick interrupt may be late. */
+/* FreeRTOS has no CAN interface. Write clock_ns, and write the three board_ functions in your driver. clock_ns must
+ * read a free-running hardware timer, because the tick counter is too coarse, and its interrupt may be late. */
 
 #include "FreeRTOS.h"
 #include "queue.h"
@@ -11,7 +11,7 @@
 #define STACK_WORDS 1024
 #define PRIORITY (configMAX_PRIORITIES - 1)
 
-/* Your driver. board_read_frame writes the frame that caused the interrupt, but not its time. */
+/* Functions of your driver. board_read_frame writes the frame that caused the interrupt, but not its time. */
 void board_read_frame(sw_frame *frame);
 void board_send_frame(const sw_frame *frame);
 void board_health(sw_bus_health *health);

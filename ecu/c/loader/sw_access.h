@@ -17,14 +17,14 @@
 #define SW_SEED_BYTES 16u   /* length of a seed */
 #define SW_ANSWER_BYTES 16u /* length of the tester's answer to a seed */
 
-/* Fills in `count` unpredictable bytes. Returns 0, or 1 if the source fails. */
+/* Writes `count` unpredictable bytes to `bytes`. Returns 0, or 1 if the source fails. */
 typedef int (*sw_random)(void *context, uint8_t *bytes, uint32_t count);
 
 typedef struct {
     uint8_t unlocked; /* unlocked security level; 0 if none is unlocked */
-    uint8_t asked;    /* level of the seed that waits for an answer; 0 if none waits */
+    uint8_t asked;    /* level whose seed was sent and is not answered yet; 0 if none */
     uint8_t seed[SW_SEED_BYTES];
-    uint8_t is_closed[SW_LEVELS]; /* whether each level's delay is running */
+    uint8_t is_closed[SW_LEVELS]; /* whether a delay of each level has begun since power-on */
     int64_t closed_until_ns[SW_LEVELS];
 } sw_access;
 

@@ -88,7 +88,7 @@ uint8_t sw_calibrating_read(const sw_calibrating *calibrating, uint32_t number, 
     return 0;
 }
 
-/* Stores `length` bytes of these values; length 0 deletes the stored values. A call may take longer than a period. */
+/* Stores `length` bytes of `values`; length 0 deletes the stored values. Refuses both while the jets are driven. */
 static uint8_t keep(sw_calibrating *calibrating, const sw_calibration *values, uint32_t length)
 {
     if (calibrating->request->drives_jets) return SW_NRC_CONDITIONS_NOT_CORRECT;

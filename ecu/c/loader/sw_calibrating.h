@@ -20,9 +20,9 @@ typedef struct {
     sw_calibration working; /* the working page: values that UDS and XCP change */
     sw_calibration release; /* the reference page: the release's own values */
 #if SW_XCP
-    uint8_t page;     /* page in force: SW_PAGE_ */
+    uint8_t page;     /* page whose values control uses: SW_PAGE_ */
     uint8_t begun_at; /* offset in bytes of the partly written value */
-    uint8_t begun;    /* number of this value's bytes that are written so far */
+    uint8_t begun;    /* number of bytes of the partly written value that have been written */
     uint8_t begun_bytes[sizeof(float)];
 #endif
 } sw_calibrating;
@@ -54,8 +54,8 @@ void sw_calibrating_copy_release(sw_calibrating *calibrating);
 void sw_calibrating_bytes(const sw_calibrating *calibrating, uint8_t page, uint32_t at, uint32_t length, uint8_t *bytes);
 
 /* Writes up to SW_XCP_MAX_CTO - 2 bytes of the working page at the offset `at`, which must be the beginning of a value
- * or the end of the last write. An incomplete value waits for its remaining bytes; a write at another offset discards
- * the incomplete value. Returns whether the write succeeded; if not, the values are unchanged.
+ * or the end of the last write. The bytes of an incomplete value are kept until its other bytes are written; a write
+ * that begins at a value discards them. Returns whether the write succeeded; if not, no value has changed.
  */
 int sw_calibrating_write_bytes(sw_calibrating *calibrating, uint32_t at, const uint8_t *data, uint32_t length);
 

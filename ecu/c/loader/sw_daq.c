@@ -10,7 +10,7 @@ enum { NOTHING, FREED, LISTS, ODTS, ENTRIES };
 
 #define MOST_IN_ODT (SW_XCP_MAX_CTO - 1u)
 #define NO_BITS 0xffu
-#define STOP 0u /* modes of START_STOP_DAQ_LIST, and of START_STOP_SYNCH (for selected lists) */
+#define STOP 0u /* modes of START_STOP_DAQ_LIST and of START_STOP_SYNCH */
 #define START 1u
 #define SELECT 2u
 #define STOP_SELECTED 2u

@@ -36,7 +36,7 @@ typedef struct {
     uint8_t stage; /* stage of the allocation */
     uint8_t lists;
     uint8_t odts;
-    uint8_t used; /* number of used entries */
+    uint8_t used; /* number of allocated entries */
     uint8_t has_pointer;
     uint8_t odt; /* ODT whose entry is written next */
     uint8_t entry;
@@ -48,13 +48,13 @@ typedef struct {
     sw_daq_entry entries[SW_XCP_ENTRIES];
 } sw_daq;
 
-/* Stops and deletes the list, at the end of a connection. */
+/* Stops and deletes the list. */
 void sw_daq_free(sw_daq *daq);
 
 /* Copies the values of a control period that has ended, unless packets of an earlier period still wait. */
 void sw_daq_sample(sw_daq *daq, const sw_ecu *ecu, uint8_t mode);
 
-/* Writes the next packet of the period, of at most SW_XCP_MAX_CTO bytes. Returns its length; 0 if no packet is due. */
+/* Writes the next packet with measured values (at most SW_XCP_MAX_CTO bytes); returns its length, 0 if none is due. */
 uint32_t sw_daq_packet(sw_daq *daq, uint8_t *packet);
 
 /* Answers a measurement command; the caller checks its length. Returns SW_XCP_DONE or an SW_XCP_ERROR_ code. */

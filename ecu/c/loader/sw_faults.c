@@ -82,7 +82,7 @@ static void packed(const sw_faults *faults, uint8_t record[RECORD_BYTES])
     for (uint32_t i = 0; i < SW_FAULT_COUNT; i++) {
         const sw_fault *fault = &faults->faults[i];
         uint8_t *at = &record[MAGIC + i * FAULT_BYTES];
-        /* The next power-on overwrites the following bits, so their present values are not stored. */
+        /* The next power-on overwrites the bits changed in the next two lines; their present values are not needed. */
         uint32_t status = fault->status & ~TEST_FAILED;
         if ((status & (PENDING | CONFIRMED)) == 0u) status |= NOT_COMPLETED_THIS_CYCLE;
         at[0] = (uint8_t)status;
@@ -209,7 +209,7 @@ void sw_faults_after(sw_faults *faults, int64_t now_ns)
     const int is_first = !faults->has_power_on;
     if (is_first) faults->power_on_ns = now_ns;
     faults->has_power_on = 1;
-    /* A fault ends and begins in one period if control begins again and its first step fails: see FaultWatch.seen. */
+    /* If control begins again and its first step fails, a fault ends and another begins in one period. */
     const int fails_again = fail_safe->reason == SW_REASON_INTERNAL && fail_safe->misses + fail_safe->good == 0u;
     if (fail_safe->mode == faults->was && !is_first && !fails_again) return;
     if (fail_safe->mode == SW_CONTROL) {

@@ -15,7 +15,7 @@
 typedef struct {
     uint8_t status;
     uint8_t age;          /* age of a confirmed fault: number of operation cycles without this fault */
-    uint8_t has_snapshot; /* whether there is a snapshot; it shows the first failure in the last cycle with a failure */
+    uint8_t has_snapshot; /* whether a snapshot exists (of the first failure in the latest cycle with a failure) */
     uint8_t snapshot[SW_SNAPSHOT_BYTES];
 } sw_fault;
 
@@ -29,7 +29,7 @@ typedef struct {
     uint8_t has_latest;              /* whether a test result waits until `is_off` is 0 */
     uint8_t latest;                  /* the waiting result: reason of a failed test; SW_REASON_NONE: all tests passed */
     uint8_t latest_snapshot[SW_SNAPSHOT_BYTES];
-    /* The ECU's state before the present control period. */
+    /* Data for snapshots: the time of the first control period, and the ECU's state before the present period. */
     uint8_t has_power_on;
     uint8_t was; /* sw_operating_mode before the period */
     int64_t power_on_ns;

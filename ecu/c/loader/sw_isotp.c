@@ -84,7 +84,7 @@ static void first(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 }
 
 /* Processes a consecutive frame. Only the last frame may be shorter than the first frame. Any other shorter frame is
- * ignored, and the next frame then has a wrong sequence number.
+ * ignored. The next frame then has a wrong sequence number, which aborts the reception.
  */
 static uint32_t consecutive(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 {
@@ -194,7 +194,7 @@ static void pad(sw_frame *frame)
     while (frame->length < lengths[i]) put(frame, PADDING);
 }
 
-/* Writes the first frame of the message being sent. */
+/* Writes the single frame or the first frame of the message being sent. */
 static void begin(sw_isotp *end, int64_t now_ns, sw_frame *frame)
 {
     const uint32_t length = end->queue.under_way;
@@ -245,7 +245,7 @@ static void take_next(sw_isotp *end)
     end->state = READY;
 }
 
-/* Writes the next frame, if a frame of the message being sent is due now. Returns whether a frame is written. */
+/* Writes the next frame, if a frame of the message being sent is due now. Returns whether a frame was written. */
 static int next_frame(sw_isotp *end, int64_t now_ns, sw_frame *frame)
 {
     take_next(end);

@@ -11,7 +11,7 @@
 #include "sw_ecu_state.h"
 #include "sw_uds_settings.h"
 
-#define SW_ISOTP_MOST 4095u /* largest 12-bit length in a first frame */
+#define SW_ISOTP_MOST 4095u /* largest length that the 12 bits in a first frame can state */
 
 /* The message being sent, and the messages that wait. */
 typedef struct {

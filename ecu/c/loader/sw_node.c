@@ -15,7 +15,7 @@ static int opens(const uint8_t *image)
     return sw_image_open(image, &numbers) == SW_IMAGE_OK;
 }
 
-/* Returns the booted image: in the flash, or a copy that this function makes in `equipment->image`; or NULL. */
+/* Returns the booted image in the flash, or a copy made in `equipment->image`; NULL if there is no readable image. */
 static const uint8_t *image_of(const sw_node *node)
 {
     const sw_store *store = &node->store;
@@ -110,7 +110,7 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
         request->has_asked = 1;
         request->asked_ns = clipped(now_ns);
     }
-    /* A silent ECU still sends the command that shuts the jets; otherwise the vehicle would follow the last command. */
+    /* The first command with shut jets is sent even if sending is disabled, so that the vehicle shuts the jets. */
     return services->uds.is_silent && !drove && !request->drives_jets ? 0 : sent;
 }
 
@@ -146,8 +146,8 @@ static void look_after_records(sw_node *node)
     if (sw_store_is_erasing(&node->store) && node->store.work != SW_WORK_CLEAR) sw_records_care(&node->store.records);
 }
 
-/* Maintains the records while diagnosis is idle. No erasure begins while the vehicle requests control, or shortly after
- * power-on, because a request may soon follow. An erasure that has begun is completed.
+/* Maintains the records while diagnosis is idle. Except during an update, no erasure begins while the vehicle requests
+ * control, or shortly after power-on, because a request may soon follow. An erasure that has begun is completed.
  */
 static void care_for_records(sw_node *node)
 {

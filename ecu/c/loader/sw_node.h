@@ -14,8 +14,8 @@
  *
  * An image runs in place in the flash, or from a copy (sw_equipment). The copy is needed if the flash cannot be read
  * while one of its sectors is erased. An erasure takes a second on some chips, and a control period without the copy
- * would have to wait. A transfer may overwrite the image that is running on trial. In this case, from its announcement
- * until a reset, the ECU sends counts and pressure counters that no longer change, and refuses the self-test.
+ * would have to wait. A transfer may overwrite the image that runs on trial. From its announcement until a reset, the
+ * counts of periods and frames are constant, JetCommand has no valid PressureCounter, and the self-test is refused.
  *
  * A call executes at most one part of long work (hash, signature, erasure). A call for a node must not interrupt
  * another call for the same node.
@@ -72,13 +72,13 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
 int sw_node_service(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count, int room,
                     sw_frame frames_out[SW_ISOTP_BURST]);
 
-/* Returns whether a frame is for diagnosis: it comes from a tester or from a calibration tool. */
+/* Returns whether a frame is for diagnosis, that is, from a tester or from a calibration tool. */
 int sw_node_is_request(const sw_frame *frame);
 
-/* Returns whether sw_node_service has work to do without another frame. */
+/* Returns whether sw_node_service has work to do even if no further frame arrives. */
 int sw_node_is_busy(const sw_node *node);
 
-/* Returns whether the work waits for the flash or for frames to be sent; one call per millisecond is then enough. */
+/* Returns whether this work waits for the flash or the CAN bus; one call per millisecond is then enough. */
 int sw_node_waits(const sw_node *node);
 
 int sw_node_wants_reset(const sw_node *node);
@@ -86,7 +86,7 @@ int sw_node_wants_reset(const sw_node *node);
 /* Returns whether the jets stay shut until a reset: an image is being written, or a reset was requested. */
 int sw_node_needs_reset(const sw_node *node);
 
-/* Return sizeof(sw_node), and the size of sw_node without sw_ecu, for callers in other languages. */
+/* Return sizeof(sw_node), and the size of sw_node without its sw_ecu, for callers in other languages. */
 size_t sw_node_bytes(void);
 size_t sw_node_loader_bytes(void);
 

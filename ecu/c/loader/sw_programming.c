@@ -22,7 +22,7 @@ uint8_t sw_programming_take_keys(sw_programming *programming, const uint8_t *val
     sw_sha256_of(value, length, digest);
     const int is_again = programming->has_keys && sw_bytes_equal(digest, programming->keys_digest, sizeof digest);
     if (is_again) return SW_UDS_DONE;
-    /* Verifying a signature takes much of a control period, so a key list is refused while control is requested. */
+    /* Verifying a signature takes several milliseconds, so a key list is refused while control is requested. */
     uint8_t code = sw_request_refusal(programming->request);
     if (code == 0u) code = sw_store_refusal(sw_store_take_keys(programming->store, value, length));
     if (code == SW_UDS_DONE) {
@@ -42,7 +42,7 @@ uint8_t sw_programming_download(const sw_programming *programming, uint32_t offs
 }
 
 /* --- Like ecu/flashable/vehicle_fit.py, the self-test checks whether the running release computes correctly on this
- * chip. The test overwrites the memory of the control step, because no later period needs the content. ---
+ * chip. The test may overwrite the memory of the control step, because later periods do not need its content. ---
  */
 
 #define AMPLITUDE 0.3f /* in Cp: a typical amplitude of a shedding wake at the rear edges */
@@ -51,7 +51,7 @@ uint8_t sw_programming_download(const sw_programming *programming, uint32_t offs
 #define TWICE_COSINE 1.9371663222f
 #define SLACK 1e-5f /* float32 rounding may let an action exceed the limit by this amount */
 
-/* Fills in pressures of a shedding wake, with opposite signs at neighbouring sensors; zeros if `amplitude` is 0. */
+/* Fills the window with pressures of a shedding wake, with opposite signs at neighbouring sensors. */
 static void fill(sw_input *input, float amplitude)
 {
     float now = 0.0f;
@@ -133,8 +133,8 @@ static uint8_t announce(sw_programming *programming, const uint8_t *option, sw_a
     return ended(programming, sw_store_announce(programming->store, sw_number(option, 4), &option[4]), answer);
 }
 
-/* Confirms the running release if it is on trial and has passed its self-test. Acknowledges a repeated confirmation.
- * Refuses the request if the running release is not on trial: the tester then means another release.
+/* Confirms the running release if it is on trial and has passed its self-test. Acknowledges a repeated request after
+ * such a confirmation. Refuses all other requests.
  */
 static uint8_t confirm(sw_programming *programming)
 {

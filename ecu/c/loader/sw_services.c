@@ -254,7 +254,7 @@ static uint8_t judged(const sw_transfer *transfer, uint8_t counter, uint32_t byt
     return bytes > transfer->missing ? SW_NRC_TRANSFER_SUSPENDED : SW_UDS_MORE;
 }
 
-/* Reopens the transfer after a block is written. A failed write ends it: the memory's content is then unknown. */
+/* Reopens the transfer after a block was written. A failed write ends the transfer: the slot's content is unknown. */
 static uint8_t block_written(sw_transfer *transfer, uint8_t code)
 {
     if (code == SW_UDS_DONE) transfer->state = SW_TRANSFER_OPEN;
@@ -320,7 +320,7 @@ static uint8_t set_faults(sw_services *services, const uint8_t *body, uint32_t l
 
 static const sw_service rows[] = {
     {SW_SERVICE_SESSION, SW_IN_ALL, 1, 0, control_session, NULL},
-    /* The programming session begins only while the jets are shut. The reset also checks whether they are shut. */
+    /* The programming session begins only while the jets are shut. `reset` checks again whether they are shut. */
     {SW_SERVICE_RESET, SW_IN_PROGRAMMING, 1, 0, reset, NULL},
     {SW_SERVICE_CLEAR_FAULTS, SW_IN_ALL, 0, 1, clear_faults, NULL},
     {SW_SERVICE_REPORT_FAULTS, SW_IN_ALL, 1, 0, report_faults, NULL},
@@ -336,8 +336,8 @@ static const sw_service rows[] = {
     {SW_SERVICE_FAULT_SETTING, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, 0, set_faults, NULL},
 };
 
-/* Drops an open transfer, which can be resumed after a reset. If an image was announced, requests a reset; otherwise
- * the jets would stay shut until the next power-on if the tester has disappeared. The earlier release is intact.
+/* Drops an open transfer, which can be resumed later. If an image was announced, requests a reset: the jets stay shut
+ * until a reset, and the tester may have disappeared. The earlier release is intact.
  */
 static void end_session(sw_services *services, uint8_t next)
 {

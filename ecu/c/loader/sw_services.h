@@ -11,7 +11,7 @@
 #include "sw_programming.h"
 #include "sw_uds.h"
 
-/* The data that an ECU gets at production. The data must stay valid, also after resets, as long as the node is used. */
+/* An ECU's production data, random source and memory for an image. All must stay valid as long as the node is used. */
 typedef struct {
     const sw_rules *rules;     /* rules by which images and key lists are judged */
     const uint8_t *access_key; /* secret shared with the tester, of SW_AES_BYTES bytes */
@@ -40,7 +40,7 @@ typedef struct {
 
 struct sw_services {
     const sw_equipment *equipment;
-    sw_programming programming; /* follows a pointer, so that alignment needs no padding */
+    sw_programming programming; /* placed after a pointer to avoid padding for alignment */
     sw_vehicle_request request;
     sw_uds uds;
     sw_calibrating calibrating;

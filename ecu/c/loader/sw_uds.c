@@ -97,7 +97,7 @@ static void came_to(sw_uds *uds, uint8_t number, uint8_t code, const sw_answer *
     uds->heard_ns = uds->now_ns;
 }
 
-/* Stores a request until an erasure ends. Refuses it if a physical request that is being received needs the memory. */
+/* Stores a request until an erasure ends. Refuses it if the buffer is in use for a physical request being received. */
 static uint8_t put_off(sw_uds *uds, const uint8_t *request, uint32_t length)
 {
     if (uds->isotp->wanted > 0u) return SW_NRC_BUSY_REPEAT_REQUEST;

@@ -67,9 +67,9 @@ typedef struct {
 /* Returns whether a request or a reset is in progress, so that sw_uds_tick has to be called. */
 int sw_uds_is_busy(const sw_uds *uds);
 
-/* Ends a session in which no tester was heard for the time S3. Every call of diagnosis calls this function first. The
- * tester counts as present while a message is transferred in either direction, or while a request is in progress (ISO
- * 14229-2).
+/* Ends a session in which no tester was heard for the time S3. Call it in every call of diagnosis, before the requests.
+ * The tester counts as present while a message is transferred in either direction, or while a request is in progress
+ * (ISO 14229-2).
  */
 void sw_uds_look(sw_uds *uds, int64_t now_ns);
 
@@ -78,7 +78,7 @@ void sw_uds_look(sw_uds *uds, int64_t now_ns);
  */
 void sw_uds_request(sw_uds *uds, int64_t now_ns, uint8_t *request, uint32_t length, int is_functional);
 
-/* Executes a part of the request in progress, or requests the reset that is due. Call it every 20 ms if busy. */
+/* Executes a part of the request in progress, or requests a due reset. Call it at least every 20 ms while busy. */
 void sw_uds_tick(sw_uds *uds, int64_t now_ns);
 
 /* Returns whether the request in progress still needs the bytes in `isotp->message`. */

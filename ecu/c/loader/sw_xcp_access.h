@@ -19,7 +19,7 @@ typedef struct {
     uint8_t key[SW_ANSWER_BYTES];
 } sw_xcp_access;
 
-/* Locks the calibration, at the beginning and at the end of a connection. */
+/* Locks the calibration, and discards the seed and a partly received key. */
 void sw_xcp_access_lock(sw_xcp_access *access);
 
 /* Answer GET_SEED and UNLOCK; the caller checks the commands' lengths. Return SW_XCP_DONE or an SW_XCP_ERROR_ code.

@@ -20,7 +20,7 @@ typedef struct {
     uint8_t page; /* page that the tool reads and writes */
 } sw_xcp_memory;
 
-/* Resets the address, the name and the page, at the end of a connection. */
+/* Resets the address, the name and the page after a connection. */
 void sw_xcp_memory_end(sw_xcp_memory *memory);
 
 /* Sets the name that UPLOAD returns next. */

@@ -9,7 +9,7 @@
 typedef struct {
     uint32_t state[8];
     uint8_t block[64];
-    uint64_t length; /* number of hashed bytes so far */
+    uint64_t length; /* number of bytes hashed so far */
 } sw_sha256;
 
 void sw_sha256_begin(sw_sha256 *hash);

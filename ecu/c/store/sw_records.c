@@ -7,7 +7,7 @@
 #define WORD SW_FLASH_WORD
 #define WORDS (SW_FLASH_SECTOR / WORD)
 #define TRIES 3u            /* number of attempts to write a record, each at a new place */
-#define FILLED (WORDS / 2u) /* if more words than this are written, maintenance may erase or use the other sector */
+#define FILLED (WORDS / 2u) /* with more words, the other sector is blanked at power-on, and records may move there */
 
 /* The first byte of a word states the word's type; it is 0xFF in a blank word. */
 #define IS_SECTOR 0xc3u

@@ -5,8 +5,8 @@
  * like another record. The newest complete record of a kind is valid. When a sector is full, the newest records are
  * copied into the other sector. The first word of a sector makes the sector valid, and is written last.
  *
- * An erasure takes longer than a control period. Before control begins, the code waits until it has ended. During
- * control, sw_records_care erases the other sector in advance, while the jets are shut, and does not wait.
+ * An erasure takes longer than a control period. Before the first control period, the functions wait until an erasure
+ * has ended. Later they do not wait: sw_records_care erases the other sector in advance, while the jets are shut.
  */
 #ifndef SW_RECORDS_H
 #define SW_RECORDS_H
@@ -39,10 +39,10 @@ typedef enum { SW_OTHER_UNKNOWN = 0, SW_OTHER_BLANK = 1, SW_OTHER_BAD = 2 } sw_r
 typedef struct {
     const sw_flash *flash;
     uint8_t limit;                     /* sw_records_limit */
-    uint8_t is_erasing;                /* an erasure of any sector is running: nothing else is allowed */
+    uint8_t is_erasing;                /* an erasure of any sector is running; until its end, do not use the flash */
     uint8_t other;                     /* sw_records_other */
     uint32_t sector;                   /* the sector in use; SW_RECORD_SECTORS if no sector is valid */
-    uint32_t sequence;                 /* sequence number of this sector; if both are valid, the later is used */
+    uint32_t sequence;                 /* sequence number of the sector in use: the later of two valid sectors */
     uint32_t end;                      /* number of the first word after the written words */
     uint32_t words[SW_RECORD_KINDS];   /* number of the first word of each kind's newest record; 0: none */
     uint32_t lengths[SW_RECORD_KINDS]; /* lengths of the newest records of each kind, in bytes */

@@ -37,7 +37,7 @@ typedef enum {
     SW_VERDICT_TOO_OLD = 12,
     SW_VERDICT_UNREADABLE = 13,
     SW_VERDICT_EMPTY = 14,
-    SW_VERDICT_WRONG_BUILD = 15, /* checked after WRONG_DBC, and at the end by sw_image_open */
+    SW_VERDICT_WRONG_BUILD = 15, /* checked after WRONG_DBC, and again in the last check, by sw_image_open */
     SW_VERDICT_NONE = 0xff       /* the image is not judged yet */
 } sw_verdict;
 

@@ -1,7 +1,7 @@
-/* The verification of Ed25519 signatures (R, s) by a key A (RFC 8032). In Python, OpenSSL gives the same results.
- * Monocypher's arithmetic computes the point sB - hA. The point's encoding must equal R byte by byte.
+/* The verification of Ed25519 signatures (R, s) with a key A (RFC 8032). In Python, OpenSSL gives the same results.
+ * Monocypher's arithmetic computes sB - hA (h: see `challenge`). This point's encoding must equal R byte by byte.
  *
- * Monocypher's own check allows a difference of small order between both sides of the equation, and its tables take
+ * Monocypher's own check also accepts an R that differs from this point by a point of small order, and its tables take
  * half a KiB of the stack. This code processes both scalars bit by bit, with one table entry for each point.
  */
 #if defined(__GNUC__)
@@ -56,7 +56,7 @@ static int equals_r(const uint8_t signature[64], const uint8_t key[POINT], const
     for (int bit = SCALAR_BITS - 1; bit >= 0; bit--) {
         ge_double(&sum, &sum, &work);
         if (bit_of(h, bit) != 0u) ge_add(&sum, &sum, &minus_a);
-        if (bit_of(&signature[POINT], bit) != 0u) ge_madd(&sum, &sum, &b_window[0], work.X, work.Y); /* adds B itself */
+        if (bit_of(&signature[POINT], bit) != 0u) ge_madd(&sum, &sum, &b_window[0], work.X, work.Y); /* adds B */
     }
     uint8_t found[POINT];
     ge_tobytes(found, &sum);

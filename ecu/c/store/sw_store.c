@@ -17,7 +17,7 @@ static int is_blank(const sw_store *store, uint32_t address)
     return all == 0xffu;
 }
 
-/* Returns where writing can continue: after the received bytes, or at a sector's start; SW_NO_OFFSET if nowhere. */
+/* Returns the offset at which writing can continue (the received bytes' end or a sector's start), or SW_NO_OFFSET. */
 static uint32_t begin_again(const sw_store *store, uint32_t slot)
 {
     const sw_slot_state *standing = &store->state.slots[slot];
@@ -57,7 +57,7 @@ static int write_bytes(const sw_store *store, uint32_t slot, uint32_t from, uint
     return 0;
 }
 
-/* --- Which slot may be used for what --- */
+/* --- The slots, and the operations on them --- */
 
 /* Returns whether a slot's image failed a check at the boot, so that it has to be transferred again. */
 static int is_known_bad(const sw_store *store, uint32_t slot)

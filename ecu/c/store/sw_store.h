@@ -23,8 +23,8 @@
 #include "sw_release.h"
 
 #define SW_TRIAL_BOOTS 3u
-#define SW_PIECE 4096u  /* number of bytes of an image that one piece of work reads */
-#define SW_WRITTEN 512u /* number of bytes of an image that one piece of work writes */
+#define SW_PIECE 4096u  /* number of bytes of an image that one part of the work reads */
+#define SW_WRITTEN 512u /* number of bytes of an image that one part of the work writes */
 #define SW_NO_SLOT 0xffu
 #define SW_MAX_CALIBRATION 1024u
 #define SW_MAX_REPORT 512u
@@ -149,7 +149,7 @@ void sw_store_drop(sw_store *store);
 sw_store_result sw_store_activate(sw_store *store); /* errors: OUT_OF_ORDER, BAD_MEMORY */
 sw_store_result sw_store_confirm(sw_store *store);  /* errors: OUT_OF_ORDER, BAD_MEMORY */
 
-/* Lets the earlier release boot at the next reset. store->verdict is then GOOD, or the release's failed check. */
+/* Lets the earlier release boot at the next reset. store->verdict is then GOOD, or names the check that failed. */
 sw_store_result sw_store_revert(sw_store *store); /* errors: OUT_OF_ORDER, BAD_MEMORY */
 
 /* Replaces the key list by a list that the root key signed. Errors: BAD_KEYS, BAD_MEMORY. */

@@ -57,7 +57,7 @@ sw_verdict sw_judge_end(sw_store *store)
     const sw_verdict verdict = sw_release_judge(store->scratch.image.header, standing->length, payload, store->keys,
                                                 store->rules, store->state.least_security_version);
     if (verdict != SW_VERDICT_GOOD) return verdict;
-    /* The image is now read in place, where it will run. The hash has shown that all words are readable. */
+    /* The image is now read in place in the flash. The hash has shown that all words are readable. */
     const uint8_t *image = &store->flash->memory[sw_slots_address(store->slot)];
     return store->opens(image) ? SW_VERDICT_GOOD : SW_VERDICT_WRONG_BUILD;
 }

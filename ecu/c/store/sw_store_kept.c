@@ -236,7 +236,7 @@ static int is_before(const uint8_t one[DIGEST], const uint8_t other[DIGEST])
     return one[i] < other[i];
 }
 
-/* Returns the length of a release's calibration, or 0 if no valid one is stored; writes its offset to `place`. */
+/* Returns the length of a release's calibration, or 0 without a valid calibration; writes its offset to `place`. */
 static uint32_t found(const sw_store *store, const uint8_t digest[DIGEST], uint32_t *place)
 {
     uint8_t data[ENTRY], before[DIGEST];
