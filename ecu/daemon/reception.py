@@ -20,7 +20,7 @@ STAMPED_WITH_THE_DATE: Final = frozenset({"socketcan", "udp_multicast", "slcan"}
 """Interfaces that stamp a received frame with the computer's date. A `virtual` bus has the sender's stamp, and vendors'
 drivers have clocks of their own. On all other interfaces a frame counts as received when it is read."""
 ROOM: Final = 256
-"""Largest number of stored pressure frames, and of other frames. The checks of so many frames, a flood, take 2 ms."""
+"""Largest number of stored pressure frames, and of other stored frames. To check a flood of so many takes 2 ms."""
 
 
 def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:

@@ -131,7 +131,7 @@ class FlashableEcu:
             sent += cycle.calibration.xcp(now_ns, for_xcp, room=cycle.link.room, may_store=not cycle.link.is_working)
         return sent
 
-    # Control and service both use the following methods.
+    # The following methods pass a reset and its new release from `service` to `step`.
 
     def _power_on(self) -> PowerCycle:
         return PowerCycle(
