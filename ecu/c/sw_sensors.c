@@ -67,7 +67,7 @@ static double others_mean(const double values[SW_SENSORS], int own)
     return (sum - values[own]) / (double)(SW_SENSORS - 1);
 }
 
-/* Returns the row of deviations for a hypothesis and a sensor; for an exchanged pair, the row without the sensor. */
+/* Returns the row of deviations for a hypothesis; for an exchanged pair, the row in which the sensor is left out. */
 static int row_of(int hypothesis, int sensor) { return hypothesis < SW_SENSORS ? hypothesis : sensor; }
 
 /* Appends copies of the newest row of estimates: one for this period, and one for each skipped period. */

@@ -133,7 +133,7 @@ class CEcu(CEcuState):
                 raise LibraryError(f"the compiled library does not load: {_why(error)}; export it again") from error
         expected = structs.size("sw_ecu_state")
         if sizes[0] != expected:
-            raise LibraryError(f"sw_ecu_state has {sizes[0]} bytes in the library, but {expected} in its header")
+            raise LibraryError(f"sw_ecu_state has {sizes[0]} bytes in the library, but {expected} in the header")
         self.description = f"{compiler_version(command)}, {' '.join(flags)}"
         ffi = structs.ffi
         self._room = ffi.new("char[]", sizes[1] + _ALIGNMENT)

@@ -19,7 +19,7 @@ OPTIMISED: Final = ("-O3", "-march=native", "-ffp-contract=fast")
 """Flags for speed. They allow fused multiply-adds, which change only roundings; the sources reject -ffast-math."""
 
 EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
-"""Flags with which C and Python give equal results, bit for bit. GCC needs the last flag: it ignores the pragma."""
+"""Flags for results equal to Python's, bit for bit. GCC ignores the pragma in the sources and needs the last flag."""
 
 
 def host_compiler() -> list[str]:
