@@ -14,7 +14,7 @@ from ecu.ecu_state import EcuState
 from ecu.fail_safe import OperatingMode
 
 REMEMBERED_NS: Final = 1_000_000_000
-"""Time in ns for which programming is refused after a request for control, even if the bus is lost or a sensor fails."""
+"""Time in ns for which a request for control prevents programming, even if the bus is lost or a sensor fails."""
 
 
 @dataclass(frozen=True, kw_only=True)
