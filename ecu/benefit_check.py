@@ -146,7 +146,7 @@ class BenefitCheck:
     def _tested(
         self, state: BenefitCheckState, cp: Array | None, speed: float
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Compute `next` in a test. Its means cover up to `wake_periods`: precise means prevent harmful control."""
+        """Compute `next` in a test. Its means without control cover all periods of the test, up to `wake_periods`."""
         if cp is None:
             return state, None
         config = self.config

@@ -174,7 +174,7 @@ class ControllerMemory(ArrayValue):
         """Return the memory for another delay of the actuator; call this between two periods.
 
         `delay` is below the horizon. The latest `delay` sent actions are now under way. Each window row gets the
-        action that would have been in force with the new delay or the oldest row's action if no older action is
+        action that would have been in force with the new delay, or the oldest row's action if no older action is
         stored. The plan is shifted, so that its action for the next period stays the same. `past` loses its rows.
         """
         later = delay - len(self.under_way.pending)

@@ -1,5 +1,5 @@
 /* The sensor check. It judges whether the pressures are plausible. This file corresponds to ecu/sensor_check.py, which
- * explains the criteria. Sums are added from left to right, as NumPy adds so few numbers.
+ * explains the criteria. Sums are computed from left to right, as in NumPy for so few numbers.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
