@@ -129,7 +129,7 @@ class ControllerMemory(ArrayValue):
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
-        """The sizes L, S and H, and the delay in periods: equal in all memories of a controller and a calibration."""
+        """The sizes L, S and H, and the delay in periods. Only another controller or calibration changes them."""
         return len(self.window), self.window.shape[1] - 1, len(self.plan), len(self.under_way.pending)
 
     @property

@@ -88,7 +88,7 @@ class AirSpeed:
         """Return the state after a period.
 
         Args:
-            window: (L, S + 1) the controller's window; None if it is not full, has no new pressures or a faulty sensor.
+            window: (L, S + 1) the controller's window; None if pressures or rows are missing, or a sensor is faulty.
             drives: whether the jets were allowed to run in the period before.
             within: least and greatest correction with an effect: the release's range of speeds divided by the speed on
                 the bus. A correction never moves away from this interval.

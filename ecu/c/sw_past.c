@@ -1,5 +1,5 @@
 /* The rows of past control periods, resampled for the present speed: at equal distances travelled. This file
- * corresponds to contract/controller/resampling.py, and to Past in ecu/controller_memory.py. Both give reasons.
+ * corresponds to contract/controller/resampling.py, and to Past in ecu/controller_memory.py. Both give the reasons.
  */
 #include "sw_ecu_parts.h"
 

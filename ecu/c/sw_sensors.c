@@ -42,7 +42,7 @@ typedef struct {
     double bias[SW_SENSORS]; /* like `liar`, from the slow means */
     double swap;             /* evidence that two sensors are exchanged: the largest value of all pairs */
     double doubt;            /* evidence that the sensors in use contradict each other */
-    double drift;            /* `doubt` of the slow means without the excluded sensor, or without the worst sensor */
+    double drift;            /* like `doubt`, from the slow means of all sensors but the excluded or the worst sensor */
 } levels;
 
 static double square(double value) { return value * value; }

@@ -28,7 +28,7 @@ from ecu.stepped import SteppedEcu
 GRACE: Final = 4
 """Divisor of the period: a step may begin late by up to a period / GRACE. A step that would begin later is skipped."""
 SHUT_FRAMES: Final = 3
-"""Number of last periods, in which commands shut the jets. There are several, because a single frame may be lost."""
+"""Number of last periods, whose commands shut the jets. There are several, because a single frame may be lost."""
 _PASSING: Final = (Mode.HOLD, Mode.DECAY)
 """Modes that last too briefly to be reported in the log."""
 

@@ -152,7 +152,7 @@ class FlashableEcu:
         before, booted = self._ecu.state, cycle.ecu.state
         speed = replace(booted.speed, verifier=before.speed.verifier)
         fresh = replace(booted, verifier=before.verifier, speed=speed, freshness=before.freshness)
-        # This reset does not clear the CAN controller's counts: an earlier bus-off must not count as a new one.
+        # This reset does not clear the CAN controller's counts: an earlier bus-off must not count as a new bus-off.
         cycle.ecu.restore(replace(fresh, health=before.health))
         self._request = VehicleRequest()
         self._wants_reset = False

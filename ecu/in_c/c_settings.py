@@ -50,7 +50,7 @@ _CLASSIC_ONLY: Final = {"SW_PRESSURE_INVALID": f"({-wire.INT12_MAX - 1})", "SW_S
 _GREATEST_WEIGHTS: Final = CostWeights(**dict.fromkeys(TERMS, LARGEST_WEIGHT))
 """The largest cost weights of a calibration; the C code also allows the release's own weight if it is larger."""
 _LONGEST_PERIOD_NS: Final = 2**53
-"""Longest control period in ns. Doubles represent integers up to this number exactly, so C and Python gate equally."""
+"""Longest control period in ns. Doubles represent integers up to this number exactly, so both ECUs' gates agree."""
 
 
 def ecu_settings(bundle: Bundle, config: Config) -> bytes:
