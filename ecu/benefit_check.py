@@ -19,14 +19,14 @@ from contract.sensor_layout import SAME_PLACE
 from ecu.fit import positions_of
 
 _ON_BASE: Final = "base_"
-"""Prefix of the sensors' names on the base of a body."""
+"""Prefix of the names of the sensors on the base of a body."""
 MOVED: Final = 0.1
 """Change of the speed that ends a test, as a share of the design speed: a test is valid only for its own speed."""
 PATIENCE: Final = 6
-"""Total duration of the tests after which the fault latches, as a multiple of `wake_periods`. With the default settings
-the jets are shut for 18 s in these tests; in this time the vehicle may leave a speed at which control does harm."""
+"""Total duration of the tests after which the fault NOT_HELPING latches, as a multiple of `wake_periods`: 18 s with the
+default settings. In this time the vehicle may leave a speed at which control does harm."""
 UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
-"""Value of `BenefitCheck.resting` for a release without these data: so small that `_helps` uses only measured means."""
+"""Value of `BenefitCheck.resting` for a release without these data; with it, `_helps` uses only the measured means."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,10 +36,10 @@ class BenefitCheckState:
 
     Attributes:
         waking: number of periods with shut jets that the wake still needs to recover from control.
-        rested: number of periods in the means without control, up to `BenefitCheck.proven`.
+        rested: number of measured periods without control, outside tests; counts up to `BenefitCheck.proven`.
         resting_suction, resting_swing: mean suction on the base and mean swing without control, divided by the values
             of the release's own wake without jets.
-        driven: number of periods in the means under control, up to `ecu.benefit_check.first_period`.
+        driven: number of measured periods under control; counts up to `ecu.benefit_check.first_period`.
         suction, swing: the same means under control.
         doubt: number of periods in which control did not help minus number of periods in which it helped, at least 0.
         tested_at: speed at which the present test began, divided by the design speed; 0 if there is no test.
@@ -94,7 +94,7 @@ class BenefitCheck:
 
     @property
     def proven(self) -> int:
-        """The number of periods after which the means without control no longer depend on the time before power-on."""
+        """The number of periods without control whose means no longer depend on the time before power-on."""
         return self.config.wake_periods + self.config.mean_periods
 
     @property
@@ -146,7 +146,7 @@ class BenefitCheck:
     def _tested(
         self, state: BenefitCheckState, cp: Array | None, speed: float
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Compute `next` in a test. The means cover `wake_periods`, since an error would let harmful control go on."""
+        """Compute `next` in a test. Its means without control cover all periods of the test, up to `wake_periods`."""
         if cp is None:
             return state, None
         config = self.config

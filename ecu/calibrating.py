@@ -17,7 +17,7 @@ from contract.controller.interface import TERMS
 from contract.release.checks import Bundle
 
 LEAST_SHARE: Final = 0.05
-"""Smallest share of the vehicle's `flow.action_limit` and `ecu.command_step`; with less, control has no effect."""
+"""Smallest calibrated `flow.action_limit` and `ecu.command_step`, as a share of the vehicle's own values."""
 
 
 def release_calibration(bundle: Bundle, config: Config) -> Calibration:

@@ -129,7 +129,7 @@ class ControllerMemory(ArrayValue):
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
-        """The sizes L, S and H, and the delay in periods. All memories of a controller have equal sizes and delays."""
+        """The sizes L, S and H, and the delay in periods. Only another controller or calibration changes them."""
         return len(self.window), self.window.shape[1] - 1, len(self.plan), len(self.under_way.pending)
 
     @property
@@ -174,8 +174,8 @@ class ControllerMemory(ArrayValue):
         """Return the memory for another delay of the actuator; call this between two periods.
 
         `delay` is below the horizon. The latest `delay` sent actions are now under way. Each window row gets the
-        action that would have been in force with the new delay or, if this is older than the window, the oldest row's
-        action. The plan is shifted, so that its action for the next period stays the same. `past` loses its rows.
+        action that would have been in force with the new delay, or the oldest row's action if no older action is
+        stored. The plan is shifted, so that its action for the next period stays the same. `past` loses its rows.
         """
         later = delay - len(self.under_way.pending)
         if not later:

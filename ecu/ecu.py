@@ -101,8 +101,8 @@ class Ecu:
         window, number of sensors, horizon or delay differs from this ECU."""
         if (own := self._state.memory.sizes) != state.memory.sizes:
             raise ValueError(
-                f"state of a controller with (window, sensors, horizon, delay) = {state.memory.sizes}: this ECU has "
-                f"{own}; build the ECU from the same bundle, settings and calibration"
+                f"the state is of a controller with (window, sensors, horizon, delay) = {state.memory.sizes}: this ECU "
+                f"has {own}; build the ECU from the same bundle, settings and calibration"
             )
         self._state = state
         mode, action = state.fail_safe.mode.on_wire, state.memory.under_way.newest
@@ -150,7 +150,7 @@ class Ecu:
             flow_m2_per_s=passed.flow_m2_per_s,
             mode=mode.on_wire,
             enable=passed.enable,
-            # A command has the counter of this period's pressures, or of the older ones from which it was computed.
+            # A command has the counter of this period's pressures, or of older pressures from which it was computed.
             pressure_counter=after.pressure_counter if inputs.usable or mode.drives_jets else None,
             next_period=self._config.ecu.plan_ahead,
         )
@@ -261,7 +261,7 @@ class Ecu:
     def _checked(
         self, state: SensorCheckState, memory: ControllerMemory, received: Received, skipped: int
     ) -> tuple[SensorCheckState, ControllerMemory, Reason | None]:
-        """Return the sensor check's state, the memory with estimates for a faulty sensor, and its fault or None."""
+        """Return the sensor check's state, the memory with estimates for a faulty sensor, and the fault or None."""
         if self._sensor_check is None:
             return state, memory, None
         after, fault = self._sensor_check.next(
@@ -274,7 +274,7 @@ class Ecu:
     def _judged(
         self, state: EcuState, memory: ControllerMemory, speed: float, *, usable: bool
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Return the benefit check's state, and its fault or None. `memory` has estimates for a faulty sensor."""
+        """Return the benefit check's state, and the fault or None. `memory` has estimates for a faulty sensor."""
         if self._benefit_check is None:
             return state.benefit, None
         cp = memory.window[-1, :-1] if usable else None
@@ -297,7 +297,7 @@ class Ecu:
 
 
 def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:
-    """Return BUS_OFF during bus-off and in the first step after it, because no node received the last frames."""
+    """Return BUS_OFF during bus-off, or if a bus-off began since the last step: the last frames may be lost."""
     return Reason.BUS_OFF if now.state is BusState.BUS_OFF or now.bus_off > before.bus_off else None
 
 

@@ -26,7 +26,7 @@ from ecu.timing import StepTiming
 
 class Surroundings(TypedDict, total=False):
     """The external conditions of an ECU in a control period: a `fault` for which the ECU must switch itself off, and
-    `updating`, whether a release is being written; as soon as no jet may run, the ECU is then off until a reset."""
+    `updating`, whether a release is being written. If so, the ECU is off until a reset as soon as no jet may run."""
 
     fault: Reason | None
     updating: bool
@@ -40,7 +40,7 @@ class EcuState:
         pressures, verifier: states of the Pressure message's receiver and authentication.
         pressure_ns: sampling time of the latest usable pressures, in ns; None before the first.
         pressure_counter: counter of the frame with these pressures; None before the first.
-        overruns: number of whole control periods left out since power-on.
+        overruns: number of whole control periods skipped since power-on.
         missed: number of steps without usable pressures since power-on.
         speed: state of the reception of the vehicle's speed; as at power-on if the release does not need the speed.
         freshness: freshness values for the next JetCommand and the next EcuStatus.

@@ -181,7 +181,7 @@ class Transition:
     """A row of the table: if the mode is in `start` and the condition `when` is true, the next mode is `to`.
 
     Attributes:
-        within: number of periods after which the ECU reacts (1: in the first period of the cause), or a formula.
+        within: number of periods after which the ECU reacts (1: in the first period of the cause), or its formula.
     """
 
     start: frozenset[OperatingMode]
@@ -240,7 +240,7 @@ _COUNTS_NO_LOSS: Final = frozenset({_S.FAULT, _S.UPDATE})
 
 @dataclass(frozen=True, kw_only=True)
 class FailSafe:
-    """The state of the fail-safe. `next` computes it once a period, and `latch` again if a fault is found after `next`.
+    """The state of the fail-safe. `next` computes it in each period; `latch` adds a fault that is found after `next`.
 
     Attributes:
         misses: number of consecutive periods without usable pressures.

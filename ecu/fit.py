@@ -42,7 +42,7 @@ def check_ecu(owner: str, sensors: int, horizon: int, ecu: EcuConfig) -> None:
     if sensors != SENSORS:
         raise BundleError(f"{owner} has {sensors} sensors: the Pressure message carries {SENSORS}")
     if ecu.frozen_actions >= horizon:
-        most, ahead = horizon - 1 - ecu.plan_ahead, ", with ecu.plan_ahead" if ecu.plan_ahead else ""
+        most, ahead = horizon - 1 - ecu.plan_ahead, ", as ecu.plan_ahead is set" if ecu.plan_ahead else ""
         raise BundleError(
             f"ecu.delay_steps = {ecu.delay_steps}: must be at most {most} for the horizon of {horizon}{ahead}"
         )
@@ -72,8 +72,8 @@ def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
     for name, there, here in zip(manifest.sensors, built_for, layout.positions[columns], strict=True):
         if np.abs(there - here).max() > SAME_PLACE:
             raise BundleError(
-                "bundle {!r} was built for another body: in W, its sensor {} is at ({:g}, {:g}), but on this plant at "
-                "({:g}, {:g})".format(manifest.name, name, *there, *here)
+                "bundle {!r} was built for another body: its sensor {} is at ({:g} W, {:g} W), but on this "
+                "plant it is at ({:g} W, {:g} W)".format(manifest.name, name, *there, *here)
             )
 
 

@@ -34,7 +34,7 @@ the fast average, 1 / (2 * FAST_PERIODS - 1), because the estimate of the noise'
 
 MOVING: Final = 0.4
 """A constant reading counts as stuck only if the median range of the other sensors is at least this number of standard
-deviations of healthy residuals: 0.018 in Cp. In the shipped recording, ten periods have a median of at least 0.029."""
+deviations of healthy residuals: 0.018 in Cp. In the shipped recording, the median over 10 periods is at least 0.029."""
 
 ALIKE: Final = 0.1
 """One sensor may be a copy of another if the rms difference of their readings over a window is at most this number of
@@ -58,8 +58,8 @@ class EstimatorModel(Protocol):
     """A model that evaluates the estimator network of `sensors.onnx`, like `OnnxEstimator`."""
 
     def estimates(self, window: Array) -> Array:
-        """Return the estimates in Cp by each of the V views, shape (V, S), for a window of shape (L, S + 1). Raises
-        ControllerError if the model fails."""
+        """Return the estimates in Cp, shape (V, S), for a window of shape (L, S + 1). Each of the V views of the window
+        leaves out or exchanges sensors. Raises ControllerError if the model fails."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -118,7 +118,7 @@ class ResidualLevels(NamedTuple):
     """The levels of evidence for each hypothesis: mean squares of residuals relative to values of healthy sensors.
 
     Attributes:
-        liar, bias: (S,) evidence that only this sensor reads wrongly: `liar` from the fast means, `bias` from the slow.
+        liar, bias: (S,) evidence that only this sensor reads wrongly: `liar` from fast, `bias` from slow means.
         swap: (P,) evidence that the two sensors of this pair are exchanged.
         doubt: disagreement of the sensors in use, divided by `ASIDE_ALLOWED` if one sensor is set aside.
         drift: disagreement of the slow means, divided by `DRIFT_ALLOWED`, without the sensor that is set aside. If no
@@ -150,7 +150,7 @@ class SensorCheck:
 
     @classmethod
     def of(cls, figures: SensorEstimator, estimator: EstimatorModel, config: SensorCheckConfig) -> "SensorCheck":
-        """Return the check with the rms values in a manifest."""
+        """Return the check that uses the rms values of a manifest, `figures`."""
         fast, slow = (_with_swaps(np.array(table)) for table in (figures.fast, figures.slow))
         sound, hypotheses = float(np.array(figures.fast).diagonal().mean()), Hypotheses.of(len(figures.fast))
         return cls(estimator=estimator, fast=fast, slow=slow, sound=sound, config=config, hypotheses=hypotheses)
@@ -230,7 +230,7 @@ class SensorCheck:
         }
 
     def _others_move(self, resting: int, window: Array) -> bool:
-        """Return whether the other sensors' readings show a flow while the sensor `resting` had a constant reading."""
+        """Return whether the other sensors' readings varied, as in a flow, while `resting` had a constant reading."""
         moved = np.ptp(window[-self.config.flat_periods :, :-1], axis=0)
         return bool(np.median(np.delete(moved, resting)) >= MOVING * self.sound)
 
@@ -282,7 +282,7 @@ def _split(values: Array, sensors: int) -> tuple[Array, Array]:
 
 
 def _with_swaps(table: Array) -> Array:
-    """Append a row for each of the P pairs, (S + P, S): the values of sensors that are estimated by all others."""
+    """Append the diagonal (each sensor estimated by all others) once for each of the P pairs; returns (S + P, S)."""
     return np.concatenate([table, np.tile(table.diagonal(), (len(pairs(len(table))), 1))])
 
 

@@ -5,9 +5,9 @@ A release with a range of speeds needs the vehicle's speed. The checks are, in t
 check, age, plausibility. If a speed fails a check, the last accepted speed stays in force for a limited time, because a
 vehicle hardly changes its speed in a fraction of a second.
 
-The speed on the bus lacks the wind. Under control the ECU estimates the logarithm of the speed in use divided by the
-air speed (`contract.controller.air_speed`), and slowly corrects the speed in use until this estimate is near zero. The
-correction is limited. It does not change while the jets are shut, pressures are missing, or a sensor is faulty.
+The speed on the bus does not include the wind. Under control the ECU estimates the logarithm of the speed in use
+divided by the air speed (`contract.controller.air_speed`), and slowly corrects the speed in use until this estimate is
+near zero. The limited correction stays while the jets are shut, pressures are missing, or a sensor is faulty.
 """
 
 from collections.abc import Sequence
@@ -88,7 +88,7 @@ class AirSpeed:
         """Return the state after a period.
 
         Args:
-            window: (L, S + 1) the controller's window; None unless full, with new pressures and only healthy sensors.
+            window: (L, S + 1) the controller's window; None if pressures or rows are missing, or a sensor is faulty.
             drives: whether the jets were allowed to run in the period before.
             within: least and greatest correction with an effect: the release's range of speeds divided by the speed on
                 the bus. A correction never moves away from this interval.
@@ -113,7 +113,7 @@ class AirSpeed:
 
 
 SHORTEST_S: Final = 0.1
-"""Least time in s assumed for a change of speed, so that rounding or a late frame does not seem an acceleration."""
+"""Least time in s assumed for a change of speed, so that rounding or a late frame is not taken for acceleration."""
 
 
 @dataclass(frozen=True, kw_only=True)

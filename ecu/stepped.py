@@ -45,7 +45,7 @@ class CalibratedEcu(SteppedEcu, Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class LoopEcu:
-    """An ECU for a closed loop, and the data that a run records of the ECU.
+    """An ECU for a closed loop, and the data about the ECU that a run records.
 
     Attributes:
         kind: python, c or mcu.

@@ -1,8 +1,8 @@
-"""The check that the ECU's steps are on time. It detects periods that are left out, steps that are too early, and a
-clock that stops or goes back.
+"""The check that the ECU's steps are on time. It detects skipped periods, steps that are too early, and a clock that
+stops or goes back.
 
 The lateness of all steps is added up, so that many slightly late steps are detected as well as one very late step. When
-the sum reaches half a period, a period counts as left out. In every step the remaining sum is reduced by an eighth. If
+the sum reaches half a period, a period counts as skipped. In every step the remaining sum is reduced by an eighth. If
 a clock only runs a little slower or faster than the vehicle's clock, the sum therefore never reaches half a period. It
 reaches half a period if steps are repeatedly late by more than a sixteenth of a period.
 """
@@ -24,10 +24,10 @@ class StepTiming:
 
     Attributes:
         step_ns: time of the step in ns, in -1..`LATEST_NS`; None before the first.
-        lag_ns: accumulated lateness in ns, without the periods left out; negative if early.
+        lag_ns: accumulated lateness in ns, without the skipped periods; negative if early.
         off_time: one bit for each of the latest `ecu.deadline_window` steps, the lowest bit for the newest: 1 if the
             accumulated lateness or earliness reached half a period.
-        skipped: number of whole periods left out before the step.
+        skipped: number of whole periods skipped before the step.
     """
 
     step_ns: int | None = None
@@ -62,7 +62,7 @@ class StepTiming:
 
 
 def lengthened(history: int, newest: bool, most: int) -> int:
-    """Return a history, one bit a period, with `newest` as its lowest bit and at most `most` bits."""
+    """Return a history (a bit for each period) with `newest` as its lowest bit and at most `most` bits."""
     longer = history << 1 | newest
     # `most` is a setting and may be huge; the mask has no more bits than the history, so that it fits into memory.
     return longer & ((1 << min(most, longer.bit_length())) - 1)

@@ -21,7 +21,7 @@ def control_sources() -> dict[str, bytes]:
 
 
 def firmware_sources() -> dict[str, bytes]:
-    """Return the sources of the ECU without its control step, and of the firmware, in `board/` and `loader/`. The
+    """Return the sources of the ECU without its control step, and the firmware's, as `board/...` and `loader/...`. The
     generated `sw_ecu_settings.h` is not included (`ecu.in_c.c_settings`)."""
     around = {f"board/{name}": text for name, text in sources_in("board").items()}
     return control_sources() | around | {f"loader/{name}": text for name, text in loader_sources().items()}

@@ -42,7 +42,7 @@ sw_gate_limits sw_calibration_limits(const sw_calibration *values)
 {
     sw_gate_limits limits = {SW_GATE_FLOW, SW_GATE_STEP}; /* the vehicle's bounds, as doubles */
     if (values->action_limit < greatest.action_limit) {
-        /* Rounds the range down to a multiple of the resolution. The 1e-6 keeps a range that already is a multiple. */
+        /* Rounds the range down to a multiple of the resolution. 1e-6 exceeds the rounding error of a multiple. */
         const double steps = (double)values->action_limit * SW_FLOW_SCALE / SW_FLOW_RESOLUTION + 1e-6;
         limits.flow_m2_per_s = (double)(int32_t)steps * SW_FLOW_RESOLUTION;
     }

@@ -111,7 +111,7 @@ static void estimate_air_speed(sw_ecu_state *state, const sw_release *release, i
 #endif
 }
 
-/* Returns BUS_OFF if the CAN controller was bus-off since the last step: no node has received the last frames. */
+/* Returns BUS_OFF during bus-off, or if a bus-off began since the last step: the last frames may be lost. */
 static uint8_t bus_fault(const sw_bus_health *before, const sw_bus_health *now)
 {
     const int off = now->is_bus_off || now->bus_off > before->bus_off;

@@ -26,9 +26,9 @@ extern "C" {
  * calibration is in force. Zeros in the memory do not initialise the ECU: they would mean that the request for control
  * was low, and that a sensor is excluded. Returns SW_REASON_NONE, or SW_REASON_INTERNAL if this build or the
  * processor's present mode does not compute as exactly as the decisions need (sw_inexact). Every step repeats this
- * check and shuts the jets while it fails. A call also compares a control step's answer to a known window with the
- * exporter's answer (sw_known_answer). If they differ, the jets stay shut until the next init. This check takes as long
- * as the longest step; a build with SW_WITHOUT_KNOWN_ANSWER omits it.
+ * check and shuts the jets while it fails. The call also compares a control step's answer to a known window with the
+ * exporter's answer (sw_known_answer). If they differ, the jets stay shut until the next init. The comparison takes as
+ * long as the longest step; a build with SW_WITHOUT_KNOWN_ANSWER omits it.
  */
 int sw_ecu_init(sw_ecu *ecu);
 

@@ -189,7 +189,7 @@ void sw_sensors_start(sw_sensors *sensors);
 
 #if SW_SENSOR_CHECK
 /* Checks the pressures of a period against the window in `memory`. `cp` is NULL if there are no pressures; `reading`
- * has the pressures divided by the dynamic pressure at the design speed, at any speed of the vehicle. Returns the
+ * has the pressures divided by the dynamic pressure at the design speed, whatever the present speed. Returns the
  * SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
  */
 uint8_t sw_sensors_next(sw_sensors *sensors, const sw_numbers *numbers, sw_estimator_work *work, const sw_memory *memory,

@@ -185,8 +185,8 @@ typedef struct {
 /* The state of the benefit check; suction and swing are divided by their values in the release's wake without jets. */
 typedef struct {
     uint32_t waking; /* number of periods with shut jets that are still needed until the wake has recovered */
-    uint32_t rested; /* number of periods in the means without control, up to SW_PROVEN_PERIODS */
-    uint32_t driven; /* number of periods in the means under control; counts up to the first judged period */
+    uint32_t rested; /* number of measured periods without control, outside tests; counts up to SW_PROVEN_PERIODS */
+    uint32_t driven; /* number of measured periods under control; counts up to SW_FIRST_PERIOD */
     uint32_t doubt;
     uint32_t spent; /* periods in tests minus periods in which control helped, from 0 to SW_PATIENCE */
     double resting_suction;
@@ -238,7 +238,7 @@ typedef struct {
     double design_speed;     /* in m/s */
     double design_density;   /* density of the air, in kg/m3 */
     float weights[SW_TERMS]; /* weights of the cost terms */
-    float air_speed[SW_AIR_WEIGHTS]; /* weights of the estimate of the air speed; without it, one zero */
+    float air_speed[SW_AIR_WEIGHTS]; /* weights of the air-speed estimate; one 0 if there is no estimate */
     uint32_t bundle_hash;    /* the first 32 bits of the release's digest */
     uint8_t base[SW_BASES];  /* sensors on the base */
     uint8_t pairs[SW_MIRRORED_PAIRS][2]; /* pairs of mirrored sensors */

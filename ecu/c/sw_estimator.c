@@ -5,7 +5,7 @@
  * Each product is computed only once, in integers. A view's input to the first ReLU is a sum of these products.
  * Activations are int16: readings in units of 1 / SW_ESTIMATOR_ONE, and hidden activations in units of
  * 1 / SW_INT16_QMAX of the largest activation in their vector. The products of both layers are exact, and all other
- * operations have a fixed order, so that all processors give equal bits.
+ * operations have a fixed order, so that all processors compute the same bits.
  */
 #include "sw_ecu_settings.h"
 #include "sw_exact.h"
@@ -41,7 +41,7 @@ static void take_readings(sw_estimator_work *work, const double window[SW_WINDOW
     }
 }
 
-/* Computes work->sums, the product of a window's column and the first-layer weights of a place. */
+/* Computes work->sums, the product of the window's column `column` and the first-layer weights of column `place`. */
 ONCE static void product_of(sw_estimator_work *work, int place, int column)
 {
     const sw_estimator_weights *w = work->weights;
@@ -62,7 +62,7 @@ ONCE static void left_out(const sw_estimator_work *work, int sensor, int32_t out
     }
 }
 
-/* Computes work->all and work->out, with every column in its own place. */
+/* Computes work->all and work->out, without an exchange of readings. */
 ONCE static void in_place(sw_estimator_work *work)
 {
     for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) work->all[h] = 0;

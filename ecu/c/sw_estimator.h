@@ -41,7 +41,7 @@ extern const sw_estimator_weights sw_own_estimator; /* the compiled-in weights *
 /* Scratch memory. The sums are first-layer sums in integers; SW_ESTIMATOR_ONE represents a reading or flag of 1. */
 typedef struct {
     const sw_estimator_weights *weights;         /* the network in use */
-    int32_t all[SW_ESTIMATOR_WIDTH];             /* sum of all columns' products, each in its place, without flags */
+    int32_t all[SW_ESTIMATOR_WIDTH];             /* sum of all columns' products, without exchange and flags */
     int32_t crossed[SW_ESTIMATOR_WIDTH];         /* `all` with two readings exchanged, or without a sensor */
     int32_t out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of the sum if a sensor is left out: flag minus column */
     int32_t crossed_out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of `crossed` if a sensor is left out */

@@ -1,6 +1,6 @@
 /* The pragma in this header forbids the compiler to fuse a multiplication with an addition. This ECU and the Python ECU
- * therefore decide equally, bit for bit. GCC ignores the pragma: compile the ECU with -ffp-contract=off. sw_compiler.h
- * rejects unsuitable arithmetic.
+ * therefore give equal results, bit for bit. GCC ignores the pragma: compile the ECU with -ffp-contract=off.
+ * sw_compiler.h rejects unsuitable arithmetic.
  */
 #ifndef SW_EXACT_H
 #define SW_EXACT_H

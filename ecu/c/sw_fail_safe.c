@@ -100,7 +100,7 @@ static uint8_t missing(const period *now)
     return now->inputs->usable ? (uint8_t)SW_REASON_NONE : now->inputs->unusable_because;
 }
 
-/* Returns `reason`; or NOT_AUTHENTIC if no frame of the vehicle is authentic, so that its request is ignored. */
+/* Returns `reason`, or NOT_AUTHENTIC if the vehicle's request is ignored because no frame is authentic. */
 static uint8_t unless_refused(const period *now, uint8_t reason)
 {
     return missing(now) == SW_REASON_NOT_AUTHENTIC ? (uint8_t)SW_REASON_NOT_AUTHENTIC : reason;

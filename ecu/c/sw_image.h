@@ -16,7 +16,7 @@ extern "C" {
 
 #define SW_IMAGE_HEADER 512
 
-/* The parameters of a release, little-endian. sw_own_layout.c compares this layout with the image writer's layout. */
+/* The parameters of a release, little-endian. The as_packed checks compare their layout with the image writer's. */
 typedef struct {
     sw_release release;
     sw_weights weights;

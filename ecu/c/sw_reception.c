@@ -17,7 +17,7 @@ int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t ol
 }
 
 #if SW_SECOC
-/* Returns whether a pressure frame arrived. If the freshness value did not change even so, no frame was authentic. */
+/* Returns whether a pressure frame arrived. If so, and the freshness value did not change, no frame was authentic. */
 static int came(const sw_frame *frames, int count)
 {
     int any = 0;
@@ -130,8 +130,8 @@ void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
         other->is_there = 0;
         other->until_ns = 0;
     } else {
-        /* The other ECU still counts as present: only its connection to the bus may be lost. If the clock went back,
-         * the required time of silence begins now.
+        /* The other ECU still counts as present: it may only have lost its connection to the bus. If the clock went
+         * back, the required time of silence begins now.
          */
         if (other->until_ns > step_ns + SW_SILENCE_NS) other->until_ns = step_ns + SW_SILENCE_NS;
     }

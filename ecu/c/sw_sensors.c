@@ -1,5 +1,5 @@
 /* The sensor check. It judges whether the pressures are plausible. This file corresponds to ecu/sensor_check.py, which
- * explains the criteria. Sums are added from left to right, as NumPy adds so few numbers.
+ * explains the criteria. Sums are computed from left to right, as in NumPy for so few numbers.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
@@ -42,7 +42,7 @@ typedef struct {
     double bias[SW_SENSORS]; /* like `liar`, from the slow means */
     double swap;             /* evidence that two sensors are exchanged: the largest value of all pairs */
     double doubt;            /* evidence that the sensors in use contradict each other */
-    double drift;            /* `doubt` of the slow means without the excluded sensor, or without the worst sensor */
+    double drift;            /* like `doubt`, from the slow means of all sensors but the excluded or the worst sensor */
 } levels;
 
 static double square(double value) { return value * value; }
@@ -67,7 +67,7 @@ static double others_mean(const double values[SW_SENSORS], int own)
     return (sum - values[own]) / (double)(SW_SENSORS - 1);
 }
 
-/* Returns the row of deviations for a hypothesis and a sensor; for an exchanged pair, the row without the sensor. */
+/* Returns the row of deviations for a hypothesis; for an exchanged pair, the row in which the sensor is left out. */
 static int row_of(int hypothesis, int sensor) { return hypothesis < SW_SENSORS ? hypothesis : sensor; }
 
 /* Appends copies of the newest row of estimates: one for this period, and one for each skipped period. */

@@ -88,7 +88,7 @@ static double signal_of(const double row[SW_COLUMNS], int i)
     return i < PAIRS ? row[2 * i] - row[2 * i + 1] : row[SW_SENSORS];
 }
 
-/* Returns a feature of the window's newest row: a sum, or a product of one of its signals and an earlier signal. */
+/* Returns a feature of the newest row: a sum of mirrored pressures, or a product of a signal and an earlier signal. */
 static double feature_of(const sw_memory *memory, int n)
 {
     static const uint8_t lags[] = SW_AIR_LAGS;

@@ -26,9 +26,9 @@ from ecu.real_time.stage_times import NOTHING, EcuStage, PlanTimes, StageTimes
 from ecu.stepped import SteppedEcu
 
 GRACE: Final = 4
-"""Divisor of the period: a step may begin late by up to a period / GRACE. A step that would begin later is left out."""
+"""Divisor of the period: a step may begin late by up to a period / GRACE. A step that would begin later is skipped."""
 SHUT_FRAMES: Final = 3
-"""Number of periods at the end in which the ECU sends commands that shut the jets: a single frame may be lost."""
+"""Number of last periods, whose commands shut the jets. There are several, because a single frame may be lost."""
 _PASSING: Final = (Mode.HOLD, Mode.DECAY)
 """Modes that last too briefly to be reported in the log."""
 
@@ -112,7 +112,7 @@ class ControlLoop:
             self._sleep_until(self._deadlines.due_ns)
             self._connection.send(self._ecu.step(self._now_ns(), [], self._connection.health()))
             self._deadlines = self._deadlines.after(self._now_ns())
-        # The file of counters remains when the process ends, so it must state mode and action of the shut jets.
+        # The file of counters remains when the process ends, so it must state that the jets are shut.
         shut = replace(self.counters.state, fail_safe=self._ecu.state.fail_safe)
         self.counters = replace(self.counters, state=shut, action=self._ecu.trace.action)
         self._after_step(self._now_ns(), self.counters)

@@ -71,7 +71,7 @@ def freshness_file(options: ProcessOptions) -> Path:
 
 
 def authentication_of(config: Config, options: ProcessOptions) -> tuple[FreshnessStore | None, Authentication | None]:
-    """Return freshness store and authentication for a new power cycle, or (None, None) without `bus.key`. Raises
+    """Return the freshness store, and the authentication for a new power cycle; (None, None) without `bus.key`. Raises
     KeyFileError if the key cannot be read, and the errors of `FreshnessStore.begin`."""
     if not config.bus.key:
         return None, None
@@ -85,7 +85,7 @@ Beside = Callable[[Connection, Reporter], AbstractContextManager[object]]
 @dataclass(frozen=True, kw_only=True)
 class ServedEcu:
     """An ECU and the other parts of its process. The thread that reads the bus passes each frame whose identifier is in
-    `hears` to the function there. `beside` returns a context that is active while the bus is open."""
+    `hears` to the function for it. `beside` returns a context that is active while the bus is open."""
 
     ecu: SteppedEcu
     times: PlanTimes

@@ -15,12 +15,12 @@ from can_bridge.wire.message_sets import MessageSet
 from ecu.real_time.inbox import Inbox
 
 LONGEST_AGE_NS: Final = 1_000_000_000
-"""Limit of a frame's age in ns when it is read: a frame that seems older is useless, or the clock was set."""
+"""Limit of a frame's computed age in ns. If the age is larger, the frame is too old to be used, or the date was set."""
 STAMPED_WITH_THE_DATE: Final = frozenset({"socketcan", "udp_multicast", "slcan"})
 """Interfaces that stamp a received frame with the computer's date. A `virtual` bus has the sender's stamp, and vendors'
 drivers have clocks of their own. On all other interfaces a frame counts as received when it is read."""
 ROOM: Final = 256
-"""Largest number of stored pressure frames, and of other frames. The checks of so many frames, a flood, take 2 ms."""
+"""Largest number of stored pressure frames, and of other stored frames. To check a flood of so many takes 2 ms."""
 
 
 def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:

@@ -129,7 +129,7 @@ class Reporter:
     Args:
         write: writes one line of the log; if it raises OSError or ValueError, the line is lost.
         bundle: name of the release in the file of counters, `metrics`.
-        keep: stores freshness values, and may raise StillwakeError. It is called with the counters once an interval.
+        keep: stores freshness values, and may raise StillwakeError. It is called with the counters once per interval.
     """
 
     def __init__(
@@ -189,7 +189,7 @@ class Reporter:
         counters = self.counters
         if counters is None:
             return
-        # One line reports all periods that were left out in an interval; another line reports all unsent frames.
+        # One line reports all periods that were skipped in an interval; another line reports all unsent frames.
         if (more := counters.left_out - self._left_out) > 0:
             self._left_out = counters.left_out
             self.tell("left_out", f"{more} periods left out, {counters.left_out} in all", more=more)

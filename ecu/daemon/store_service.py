@@ -32,7 +32,7 @@ from ecu.real_time.privileges import step_back
 from ecu.real_time.stage_times import PlanTimes, TimedController
 
 _ROOM: Final = 1024
-"""Largest number of waiting frames: seven longest requests on CAN FD. A further frame replaces the oldest."""
+"""Largest number of waiting frames: enough for seven longest requests on CAN FD. Another frame replaces the oldest."""
 PAUSE_S: Final = 0.05
 """Largest time in s between two calls of `service` if no frame arrives, and so the longest delay of a timeout."""
 SENDING_S: Final = 0.001
@@ -40,7 +40,7 @@ SENDING_S: Final = 0.001
 
 
 class DiagnosisThread:
-    """A thread that serves the tester while its `with` block runs; `failed` gets an error that ends the thread."""
+    """A thread that serves the tester while its `with` block runs. It calls `failed` with an error that ends it."""
 
     def __init__(
         self,
@@ -83,7 +83,7 @@ class DiagnosisThread:
 
 
 SWITCH_INTERVAL_S: Final = 0.0005
-"""Longest time in s for which another thread can delay the control's thread when it wakes; Python's default: 5 ms."""
+"""Longest time in s for which another thread can delay the control loop when it wakes; Python's default is 5 ms."""
 NO_RELEASE: Final = "none"
 
 _Fields = str | int | float

@@ -131,7 +131,7 @@ class FlashableEcu:
             sent += cycle.calibration.xcp(now_ns, for_xcp, room=cycle.link.room, may_store=not cycle.link.is_working)
         return sent
 
-    # Control and service both use the following methods.
+    # The following methods pass a reset and its new release from `service` to `step`.
 
     def _power_on(self) -> PowerCycle:
         return PowerCycle(
@@ -152,7 +152,7 @@ class FlashableEcu:
         before, booted = self._ecu.state, cycle.ecu.state
         speed = replace(booted.speed, verifier=before.speed.verifier)
         fresh = replace(booted, verifier=before.verifier, speed=speed, freshness=before.freshness)
-        # This reset does not clear the CAN controller's counts: an earlier bus-off must not count as a new one.
+        # This reset does not clear the CAN controller's counts: an earlier bus-off must not count as a new bus-off.
         cycle.ecu.restore(replace(fresh, health=before.health))
         self._request = VehicleRequest()
         self._wants_reset = False

@@ -44,7 +44,7 @@ def isotp_settings(config: BusConfig, *, is_tester: bool = False) -> IsoTpSettin
 
 
 class DiagnosticLink:
-    """The link between a tester and the server of diagnosis, just after power-on."""
+    """The link between a tester and the server of diagnosis; a new object is in the state after power-on."""
 
     def __init__(self, config: BusConfig, server: UdsServer) -> None:
         self._settings = isotp_settings(config)

@@ -68,7 +68,7 @@ def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
         answer = controller.control_step(window, np.zeros(sizes.horizon), np.ones(sizes.horizon), weights)
         plan, forces = np.asarray(answer.plan), np.asarray(answer.forces)
         if plan.shape != (sizes.horizon,):
-            raise ControllerError(f"self-test: plan of shape {plan.shape}: must be of shape ({sizes.horizon},)")
+            raise ControllerError(f"self-test: a plan has shape {plan.shape}: must have shape ({sizes.horizon},)")
         if not (np.isfinite(plan).all() and np.isfinite(forces).all()):
             raise ControllerError("self-test: a plan or a predicted force is not finite")
         if (largest := float(np.abs(plan).max())) > bundle.manifest.action_limit + LIMIT_SLACK:

@@ -14,7 +14,7 @@ from ecu.ecu_state import EcuState
 from ecu.fail_safe import OperatingMode
 
 REMEMBERED_NS: Final = 1_000_000_000
-"""Time in ns for which the latest request for control counts, even if the bus is lost or a sensor fails meanwhile."""
+"""Time in ns for which a request for control prevents programming, even if the bus is lost or a sensor fails."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,8 +49,8 @@ class FaultWatch:
         is_first, now_ns = self._power_on_ns is None, max(0, now_ns)
         self._power_on_ns = now_ns if self._power_on_ns is None else self._power_on_ns
         was, now, fail_safe = before.fail_safe.mode, after.fail_safe.mode, after.fail_safe
-        # If control begins again and its first step fails, a fault ends and another one begins in the same period. Only
-        # then the period has usable pressures (no miss), but none of them counts as good.
+        # If control begins again and its first step fails, a fault ends and another begins in the same period. Only
+        # then is a period counted neither as missed (it has usable pressures) nor as good.
         fails_again = fail_safe.reason is Reason.INTERNAL and fail_safe.misses == fail_safe.good == 0
         if now is was and not is_first and not fails_again:
             return

@@ -74,7 +74,7 @@ class CEcuState(NeverCopied):
         """Calibrate like `Ecu.calibrate`; the C code checks the values."""
         if (number := self._calibrate(calibration.pack())) != 0:
             name, value = CALIBRATION_NAMES[number - 1], calibration.values[number - 1]
-            raise ConfigError(f"calibration: {name} = {value:g}: outside the limits of this release and vehicle")
+            raise ConfigError(f"calibration: {name} = {value:g}: must be within the limits of this release and vehicle")
 
     def differing(self, state: EcuState) -> list[str]:
         """Return the names of the numbers that differ between this ECU's state and `state`, bit for bit."""
@@ -93,7 +93,7 @@ class CEcuState(NeverCopied):
         else:
             self.structs.set_state(place, state)
         if self._restore(place) != 0:
-            raise ValueError("state: has another delay of the actuator, or a number is out of range")
+            raise ValueError("the state has another delay of the actuator, or a number is out of range")
 
 
 class CEcu(CEcuState):
@@ -133,7 +133,7 @@ class CEcu(CEcuState):
                 raise LibraryError(f"the compiled library does not load: {_why(error)}; export it again") from error
         expected = structs.size("sw_ecu_state")
         if sizes[0] != expected:
-            raise LibraryError(f"sw_ecu_state has {sizes[0]} bytes in the library, but {expected} in its header")
+            raise LibraryError(f"sw_ecu_state has {sizes[0]} bytes in the library, but {expected} in the header")
         self.description = f"{compiler_version(command)}, {' '.join(flags)}"
         ffi = structs.ffi
         self._room = ffi.new("char[]", sizes[1] + _ALIGNMENT)
@@ -143,13 +143,13 @@ class CEcu(CEcuState):
         if self.lib.sw_ecu_init(ecu):
             raise LibraryError(
                 f"the compiled ECU does not run: {' '.join(flags)} or this process's floating-point mode changes the "
-                f"ECU's arithmetic, or its numbers are damaged; GCC needs -ffp-contract=off"
+                f"ECU's arithmetic, or the release's numbers are damaged; GCC needs -ffp-contract=off"
             )
         if secret is not None:
             if not hasattr(self.lib, "sw_ecu_authenticate"):
                 raise LibraryError("the library's settings are for a bus without a key (bus.key)")
             if self.lib.sw_ecu_authenticate(ecu, ffi.new("sw_authentication *", {"key": secret, "trip": 1})):
-                raise ConfigError("bus.key: a key of zeros; must be a random key")
+                raise ConfigError("bus.key: is a key of zeros; must be a random key")
         lib, buffer = self.lib, ffi.from_buffer
         super().__init__(structs, ecu, bundle_hash,
             lambda packed: int(lib.sw_ecu_calibrate(ecu, buffer("sw_calibration *", packed))),

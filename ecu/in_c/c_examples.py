@@ -14,7 +14,7 @@ from contract.config.tree import Config
 
 PLAYED: Final = "examples/pressures.h"
 MOST_PERIODS: Final = 100
-"""Largest number of periods in a table: two seconds at 20 ms. Pressures need 1600 bytes of flash memory, speeds 800."""
+"""Largest number of periods in a table: two seconds at 20 ms. Pressures take 1600 bytes of flash memory, speeds 800."""
 PLAYED_KEY: Final = bytes.fromhex("2b7e151628aed2a6abf7158809cf4f3c")
 """Key of the frames if `bus.key` is set: the public key of RFC 4493's examples, so that no file has a secret."""
 ASKED_FROM: Final = 5
@@ -23,7 +23,7 @@ ASKED_FROM: Final = 5
 
 def played_pressures(rows: Array, config: Config) -> bytes:
     """Return `pressures.h`, with two protected frames for each of the first `MOST_PERIODS` rows: one has the pressures,
-    limited to their range, the other the design speed (unknown if too high). `rows`, (n, S + any), begin with S Cp."""
+    limited to their range, the other the design speed (unknown if too high). The first S columns of `rows` are Cp."""
     messages = message_set(config.bus)
     message, limit_pa = messages.pressure, messages.pressure_limit_pa
     sender, dynamic_pressure = E2eSender(message.spec), config.operating_point.dynamic_pressure

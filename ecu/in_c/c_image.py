@@ -35,7 +35,7 @@ def controller_image(
     files: Mapping[str, bytes], bundle: Bundle, config: Config, key: Ed25519PrivateKey | None
 ) -> bytes:
     """Return the image of a verified release, signed if there is a key. `files` has the library with its ECU and packed
-    numbers. Raises LibraryError if one of these is missing or of another controller; BundleContainerError if an
+    numbers. Raises LibraryError if a file is missing or belongs to another controller; BundleContainerError if an
     image has no space for the release's name, or if ECUs would refuse one of the release's numbers."""
     manifest = bundle.manifest
     for name in (WEIGHTS_PART, ECU_SETTINGS):

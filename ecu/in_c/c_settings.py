@@ -50,7 +50,7 @@ _CLASSIC_ONLY: Final = {"SW_PRESSURE_INVALID": f"({-wire.INT12_MAX - 1})", "SW_S
 _GREATEST_WEIGHTS: Final = CostWeights(**dict.fromkeys(TERMS, LARGEST_WEIGHT))
 """The largest cost weights of a calibration; the C code also allows the release's own weight if it is larger."""
 _LONGEST_PERIOD_NS: Final = 2**53
-"""Longest control period in ns. Doubles represent integers up to this number exactly, so both gates are equal."""
+"""Longest control period in ns. Doubles represent integers up to this number exactly, so both ECUs' gates agree."""
 
 
 def ecu_settings(bundle: Bundle, config: Config) -> bytes:
@@ -74,7 +74,7 @@ def check_settings(config: Config) -> None:
         if value > most:
             raise ConfigError(f"{name} = {value}: the ECU in C accepts at most {most}")
     if config.period_ns > _LONGEST_PERIOD_NS:
-        raise ConfigError(f"control period of {config.period_ns} ns: the ECU in C accepts at most {_LONGEST_PERIOD_NS}")
+        raise ConfigError(f"control period = {config.period_ns} ns: the ECU in C accepts at most {_LONGEST_PERIOD_NS}")
     held_ns = GateLimits.from_config(config).held_age_ns
     if held_ns > LATEST_NS:
         raise ConfigError(
@@ -202,7 +202,7 @@ def _of_diagnosis(config: DiagnosisConfig, period_ns: int) -> dict[str, int | fl
 
 
 def _of_speeds(manifest: Manifest, config: SpeedConfig) -> dict[str, int | float | str]:
-    """Return the settings for a release with a range of speeds; for another release, only SW_PAST, which is 0."""
+    """Return the settings for a release with a range of speeds; for another, SW_PAST and SW_AIR_SPEED, both 0."""
     if manifest.speeds is None:
         return {"SW_PAST": 0, "SW_AIR_SPEED": 0}
     return {

@@ -19,7 +19,7 @@ OPTIMISED: Final = ("-O3", "-march=native", "-ffp-contract=fast")
 """Flags for speed. They allow fused multiply-adds, which change only roundings; the sources reject -ffast-math."""
 
 EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
-"""Flags with which C and Python decide bit for bit equally. GCC ignores the sources' pragma and needs the last flag."""
+"""Flags for results equal to Python's, bit for bit. GCC ignores the pragma in the sources and needs the last flag."""
 
 
 def host_compiler() -> list[str]:
@@ -55,7 +55,7 @@ def compile_c(contents: Mapping[str, bytes], output: Path, *, compiler: Sequence
 
 
 def preprocessed(source: Path, *, compiler: Sequence[str], flags: Sequence[str]) -> str:
-    """Return a header or source after preprocessing. Raises LibraryError with the first error message if it fails."""
+    """Preprocess a header or source and return the text. Raises LibraryError with the first error message."""
     # The option `-x c` makes the compiler treat a header as C in spite of its file extension.
     return _checked([*compiler, "-E", "-P", *flags, "-x", "c", str(source)], None)
 

@@ -57,7 +57,7 @@ class CController(NeverCopied):
                 raise LibraryError(f"the compiled library does not load: {error}") from error
         # Older versions of the library do not have this function, which checks the arithmetic.
         if (looks := getattr(self._library, "sw_arithmetic", None)) is not None and (status := looks()) != _OK:
-            raise LibraryError(f"the compiled library refuses: {REFUSALS[status]} ({' '.join(flags)})")
+            raise LibraryError(f"the compiled library does not run: {REFUSALS[status]} ({' '.join(flags)})")
         self.description = f"{compiler_version(command)}, {' '.join(flags)}"
         horizon = sizes.horizon
         number = ctypes.c_float
@@ -173,5 +173,5 @@ def check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> st
     if sizes != [str(size) for size in expected]:
         raise LibraryError(f"library {folder}: {PROGRAM_SETTINGS} was altered: its sizes are not the program's sizes")
     if dbc != dbc_sha256():
-        raise LibraryError(f"library {folder}: built for another stillwake.dbc")
+        raise LibraryError(f"library {folder}: it was built for another stillwake.dbc")
     return precision

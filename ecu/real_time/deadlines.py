@@ -1,8 +1,8 @@
 """The start of the next period, on an absolute clock: lateness does not add up, and a missed period is not repeated.
 
-A deadline that passed during the previous period's work is left out and counted. An ECU also follows the vehicle's
-sampling, which has another clock. For this it notes the arrival times of the pressures, and moves its deadlines a
-little in each period until they come a fixed time after the arrivals.
+A period starts at its deadline. If the work of an earlier period is not finished in time, the period is skipped and
+counted. An ECU also follows the vehicle's sampling, which has another clock. For this it notes the arrival times of the
+pressures, and moves its deadlines a little in each period until they come a fixed time after the arrivals.
 """
 
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ from statistics import median_low
 from typing import Final, Self
 
 LARGEST_SLEW: Final = 32
-"""Divisor of the period: a deadline moves by at most period / 32 per period. `ecu.timing` counts periods as left out if
+"""Divisor of the period: a deadline moves by at most period / 32 per period. `ecu.timing` counts periods as skipped if
 steps are repeatedly late by more than period / 16. The largest error, half a period, is corrected in 16 periods."""
 REMEMBERED: Final = 15
 """Number of arrivals whose median is the expected arrival, so that a few late frames in a burst do not move it. The
@@ -22,8 +22,8 @@ class Deadlines:
     """The next period and its deadline; times are in ns of one clock that never goes back.
 
     Attributes:
-        due_ns, number: deadline and number of the period; the number also counts the `left_out` omitted periods.
-        grace_ns: largest time from a deadline to the start of its period; a period that would start later is omitted.
+        due_ns, number: deadline and number of the period; the number includes the `left_out` skipped periods.
+        grace_ns: largest time from a deadline to the start of its period; a period that would start later is skipped.
     """
 
     period_ns: int

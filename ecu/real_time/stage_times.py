@@ -27,7 +27,7 @@ class EcuStage(IntEnum):
     """The columns of the ECU's table; a saved table has their names in lower case."""
 
     PERIOD = 0
-    """Number of the period; periods left out are counted too."""
+    """Number of the period; skipped periods are counted, too."""
     SCHEDULED = 1
     WOKE = 2
     PRESSURE_COUNTER = 3

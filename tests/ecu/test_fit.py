@@ -24,7 +24,7 @@ from tests.each import each
         ({"control_period": 0.1}, {}, r"'small' was built for control period 0\.1, but the \w+ has 0\.2"),
         ({"action_limit": 0.05}, {}, r"'small' was built for action limit 0\.05, but the \w+ has 0\.075"),
         ({"sensors": ("base_0", "base_1")}, {}, "2 sensors: the Pressure message carries 4"),
-        ({}, {"delay_steps": 5}, "delay_steps = 5: must be at most 3 for the horizon of 5, with ecu.plan_ahead"),
+        ({}, {"delay_steps": 5}, "delay_steps = 5: must be at most 3 for the horizon of 5, as ecu.plan_ahead is set"),
         ({}, {"delay_steps": 5, "plan_ahead": False}, "delay_steps = 5: must be at most 4 for the horizon of 5$"),
     ],
 )
@@ -47,7 +47,7 @@ SHORTER = layout_of(BodyConfig(length=5.0))
 def test_a_bundle_for_another_body_is_refused(bundle_of, recording_controller):
     truck = bundle_of()
     check_sensors(truck, TRUCK)
-    named = r"'small' was built for another body: in W, its sensor \w+ is at .*, but on this plant at .*"
+    named = r"'small' was built for another body: its sensor \w+ is at .* W\), but on this plant it is at .*"
     for refuse in (lambda: check_sensors(truck, SHORTER), lambda: BundlePolicy(truck, recording_controller(), SHORTER)):
         with pytest.raises(BundleError, match=named):
             refuse()

@@ -33,7 +33,7 @@
 #define SW_BOARD_FLASH_BANK 0x08100000u
 #define SW_BOARD_FLASH_SECTORS 8u
 #define SW_BOARD_BACKUP 0x38800000u /* SRAM that survives a loss of the supply; sw_board_power_on enables it */
-#define SW_BOARD_ERASE_NS INT64_C(5000000000) /* erasures fail after this time; the chip needs at most 4 s (DS12110) */
+#define SW_BOARD_ERASE_NS INT64_C(5000000000) /* an erasure fails if it takes longer; the chip takes <= 4 s (DS12110) */
 
 /* --- Declarations that are the same for every board --- */
 

@@ -87,7 +87,7 @@ void sw_board_keep_freshness(const sw_ecu_state *state)
 #if SW_PAST > 0
     const uint64_t speed = state->speed.receiver.verifier.freshness;
 #else
-    const uint64_t speed = latest == RECORDS ? 0u : pair(&words[HEARD_SPEED]); /* stays for a later release */
+    const uint64_t speed = latest == RECORDS ? 0u : pair(&words[HEARD_SPEED]); /* kept for a later release */
 #endif
     if (pair(&words[HEARD_PRESSURE]) == pressure && pair(&words[HEARD_SPEED]) == speed) return;
     keep(state->freshness.trip, pressure, speed);

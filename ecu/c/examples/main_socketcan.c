@@ -32,7 +32,7 @@
 #define ROOM 64              /* largest number of frames read per period; further frames wait in the socket */
 #define GRACE 4              /* a step that would begin more than a period / GRACE late is skipped */
 #define LARGEST_SLEW 32      /* a deadline moves by at most a period / LARGEST_SLEW */
-#define SHUT_PERIODS 3       /* number of last commands, which shut the jets; more than one, as a frame may be lost */
+#define SHUT_PERIODS 3       /* number of final commands, which shut the jets; several, as a frame may be lost */
 #define SECOND INT64_C(1000000000)
 
 static sw_ecu ecu;
@@ -219,7 +219,7 @@ static int period(int bus, int64_t *due_ns)
 #if SW_SECOC
 
 static const char *freshness_file;
-static unsigned long long heard_speed; /* the stored value, which stays if this release does not need the speed */
+static unsigned long long heard_speed; /* stored freshness of the speed; kept if this release does not need the speed */
 
 /* Reads a key of exactly 32 hexadecimal digits; returns -1 on failure. */
 static int read_key(const char *path, uint8_t key[SW_AES_BYTES])

@@ -1,5 +1,5 @@
 /* Functions of FMI 3.0 that no FMU of this project supports. A binary must have most of these functions, although
- * modelDescription.xml states that they are not supported. The functions for a type without variables return an error.
+ * modelDescription.xml states that they are not supported. Functions of types without variables accept only empty calls.
  */
 #include "sw_fmi3_calls.h"
 

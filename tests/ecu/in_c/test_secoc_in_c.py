@@ -187,7 +187,7 @@ def test_without_its_key_it_sends_nothing_and_believes_nothing(release, sources)
         assert mute.step(sender.feed.now_ns, [sender.genuine()]) == []
         sender.feed.now_ns += CONFIG.period_ns
     assert mute.state.verifier.not_authentic == mute.frames_rejected == 5
-    with pytest.raises(ConfigError, match=r"bus\.key: a key of zeros"):
+    with pytest.raises(ConfigError, match=r"bus\.key: is a key of zeros"):
         CEcu(own, flags=FLAGS, secret=bytes(16))
     with pytest.raises(LibraryError, match="a bus without a key"):
         CEcu(sources, flags=FLAGS, secret=SECRET)
