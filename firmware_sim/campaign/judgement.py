@@ -42,7 +42,7 @@ class PhaseOutcomes:
 
 @dataclass(frozen=True, kw_only=True)
 class Spread:
-    """The mean, minimum and maximum over the starting phases."""
+    """The mean, minimum and maximum of a figure over the starting phases."""
 
     mean: float
     least: float
