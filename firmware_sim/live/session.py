@@ -106,7 +106,7 @@ class LiveSession(NeverCopied):
         self._now_due = True
 
     def before(self, request: object) -> Callable[[], None] | None:
-        """Return a function that prepares the requested ECU in a thread; None if there is nothing to prepare."""
+        """Return a function, for a thread, that prepares the requested ECU; None if there is nothing to prepare."""
         try:
             action, value = asked(request)
             if action != "set":

@@ -84,7 +84,7 @@ def measure(
     settings = ProgramSettings.of(sources)
     window, columns = settings.number("SW_WINDOW"), settings.number("SW_SENSORS") + 1
     if rows.ndim != 2 or rows.shape[1] != columns or len(rows) < window:
-        raise McuError(f"recorded rows have shape {rows.shape}: must be at least {window} rows of {columns}")
+        raise McuError(f"the recorded rows have shape {rows.shape}; the core needs at least {window} rows of {columns}")
     phase(MCU_PHASES[0])
     firmware = read_elf(compile_for_cortex_m7(sources, core=core))
     machine = Machine(firmware)

@@ -38,8 +38,8 @@ class RunOrigin:
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """A disturbance and how often it acted. Faults of a port count their effects, bit errors count attempts to send,
-    resets count as one each, and all other disturbances count the periods in which they act."""
+    """A disturbance and how often it acted. `acted` is the number of effects of a port's fault, of transmissions
+    with bit errors, of resets, or of periods in which any other disturbance acted."""
 
     text: str
     acted: int

@@ -68,7 +68,7 @@ class _Item:
 
 class SwitchedDisturbances:
     """The disturbances of one run of the loop; an implementation of `firmware_sim.bench.simulation.Disturbs`. `read`
-    has the latest readings of the S sensors, shape (S,); NaN before the first."""
+    has the latest readings of the S sensors, shape (S,); NaN before the first reading."""
 
     corrupts = mishears = None  # no setting of a viewer causes bit errors on the bus
 

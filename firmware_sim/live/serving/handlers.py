@@ -225,7 +225,7 @@ class Socket(Guarded, WebSocketHandler):
 
 
 class StreamSocket(Socket):
-    """The stream of messages to a viewer. Each message gets the newest data after the previous one was accepted."""
+    """The stream of messages to a viewer. When a message has been accepted, the newest data become the next message."""
 
     _sending: "asyncio.Task[None] | None" = None
 
