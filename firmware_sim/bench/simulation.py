@@ -277,7 +277,7 @@ class Simulation:
         progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
         progress_without: Callable[[int, int], None] = lambda done, total: None,
     ) -> RunLog:
-        """Run the loop on this wake from its present state. If there is a drive, it is first run without control.
+        """Run the loop on this wake from its present state. With a drive, the drive is first run without control.
         Raises StillwakeError if the bundle is for another body, or if the wake's flow cannot be disturbed or diverges.
 
         Args:

@@ -275,7 +275,7 @@ def notes(run: MeasuredRun) -> Iterator[str]:
     if periods < NEEDED_FOR_P99_9:
         yield f"p99.9 of fewer than {NEEDED_FOR_P99_9} periods is their maximum."
     slack = f"{run.slack_ns / 1e6:.2f} ms" if isfinite(run.slack_ns) else "not known, because no command arrived"
-    yield f"Slack, from the median to the end of the period: {slack}."
+    yield f"Slack, from the median arrival of commands to the end of the period: {slack}."
     yield f"Privileges of the idle loop: {run.recorded.privileges}."
 
 

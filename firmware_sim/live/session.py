@@ -235,7 +235,7 @@ class LiveSession(NeverCopied):
             self._made[controller] = made, made.ecu.state
         ecu, at_first = self._made[controller]
         if powered_on:
-            # A run's time begins at 0. An emulated core would wait until this time has reached the core's clock.
+            # A run's time begins at 0. Without this call, an emulated core would wait until the time reaches its clock.
             for made, _ in self._made.values():
                 made.start_clock()
         ecu.ecu.calibrate(self._own if settings.weights is None else replace(self._own, weights=settings.weights))

@@ -58,7 +58,7 @@ class Measurement:
         yield "multiply-accumulates", f"{self.multiply_accumulates / 1e6:.2f} M"
         yield "instructions", f"{self.instructions / 1e6:.3f} M"
         for clock, milliseconds in self.one_per_cycle_ms.items():
-            yield f"at {clock} MHz, one a cycle", f"{milliseconds:.1f} ms"
+            yield f"at {clock} MHz, one instruction per cycle", f"{milliseconds:.1f} ms"
         for clock, milliseconds in self.modelled_ms.items():
             yield f"at {clock} MHz, modelled pipeline", f"{milliseconds:.1f} ms"
         agreement = "identical bit for bit" if self.identical else f"action within {self.action_difference:.2g}"

@@ -140,7 +140,7 @@ _UNUSED: Final = ("forcing", "model", "train", "mpc")
 
 
 def settings_of(run: RunMetadata) -> dict[str, str]:
-    """Return a run's settings by their dotted TOML names. The `mpc` settings are the bundle's, except the weights."""
+    """Return a run's settings by their dotted TOML names. The `mpc` settings, except the weights, are the bundle's."""
     used = {name: value for name, value in loading.to_tree(run.config).items() if name not in _UNUSED}
     built = asdict(run.mpc) | {"weights": asdict(run.weights)}
     return {name: str(value) for name, value in loading.leaves(used | {"mpc": built})}

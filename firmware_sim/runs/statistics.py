@@ -75,7 +75,7 @@ class Latency:
 
 
 def averages(log: RunLog) -> Averages | NoAverages:
-    """Compute two averages: up to the request for control, and from the end of the settling time on."""
+    """Compute the averages up to the request for control, and from the end of the settling time on."""
     if not log.metadata.averages:
         return NoAverages("No averages were requested.")
     if log.metadata.drive is not None:

@@ -124,7 +124,7 @@ class SwitchedDisturbances:
         return bool(new)
 
     def period_over(self, k: int) -> None:
-        """Remove the items that ended `LINGER_S` or more before the end of period k; they delay no frames any more."""
+        """Remove the items that ended `LINGER_S` or more before the end of period k; these delay no frames now."""
         linger = round(LINGER_S * NS / self._config.period_ns)
         for item in [one for one in self._lingering if one.end + linger <= k + 1]:
             self._lingering.remove(item)

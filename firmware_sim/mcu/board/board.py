@@ -108,7 +108,7 @@ class Board(EmulatedCore):
         self._execute("firmware", self._at, 0xFFFF_FFFE, _LONGEST_US)
         self._at = int(self._core.reg_read(arm_const.UC_ARM_REG_PC))
         if self._core.mem_read(self._at - 2, 2) != b"\x30\xbf":
-            raise McuError(f"the core does not sleep: after {_LONGEST_US // 10**6} s it is at {self._at:#x}")
+            raise McuError(f"the core did not sleep within {_LONGEST_US // 10**6} s; it is at {self._at:#x}")
 
     def _execute(self, what: str, start: int, end: int, longest_us: int = 0) -> None:
         try:
