@@ -62,7 +62,7 @@ class WireNoise(Span, section="wire_errors"):
 @dataclass(frozen=True, kw_only=True)
 class Reset(Instant, section="reset"):
     """A reset of the ECU. The ECU loses its state, receives nothing while it boots, and starts again. Frames in its CAN
-    controller are still sent. The freshness values of `bus.key` are in non-volatile memory and survive."""
+    controller are still sent. The ECU's freshness values (`bus.key`) are in non-volatile memory and survive."""
 
     node: Literal["ecu"] = "ecu"
     boot_s: NonNegative[float] = 0.2
@@ -91,8 +91,9 @@ class Reynolds(Span, section="reynolds"):
 
 @dataclass(frozen=True, kw_only=True)
 class OtherBody(Span, section="body"):
-    """A body that replaces the release's body in the built-in solver for a whole run. The fields replace the settings
-    of the same names in `body`, in W. The sensors keep their names, but lie on this body. The ECU does not know it."""
+    """A body in the built-in solver that replaces the release's body for a whole run. The fields, in body widths W,
+    replace the settings of the same names in `body`. The sensors keep their names, but lie on this body. The ECU is
+    not informed."""
 
     length: Finite[float]
     leading_edge_radius: NonNegative[float] = 0.0
@@ -121,8 +122,8 @@ class GustyWind(Span, section="gust"):
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePoint(Span, section="operating_point"):
-    """A speed in m/s or air density in kg/m3 unknown to the ECU; None keeps the value of `operating_point`. Both scale
-    the pressures in Pa. The speed also scales the jets' flow rates in m2/s, but not the Reynolds number."""
+    """A speed in m/s or air density in kg/m3 that the ECU does not know. None means the value of `operating_point`.
+    Both scale the pressures in Pa. The speed also scales the jets' flow rates in m2/s, but not the Reynolds number."""
 
     speed: float | None = None
     density: float | None = None
@@ -161,7 +162,7 @@ class SpeedScale(Span, section="speed_scale"):
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedLate(Span, section="speed_late"):
-    """A late speed signal. The delay in s is rounded to whole control periods; the frames do not state it."""
+    """A late speed signal. The delay in s is rounded to whole control periods. No frame contains the delay."""
 
     speed_late: NonNegative[float]
 
@@ -208,13 +209,13 @@ Disturbance = NodeFault | Span
 
 
 def parse_disturbance(text: str) -> Disturbance:
-    """Return the disturbance that a text describes. Raises ConfigError, which states the text and its faulty part."""
+    """Return the disturbance that a text describes. Raises ConfigError with the faulty part of an invalid text."""
     node, colon, rest = text.partition(":")
     if not colon or node not in NODES:
         return parse_described(text, KINDS, "disturbance")
     fault = parse_fault(rest)
     if isinstance(fault, Disconnect) and fault.kind == "device_gone":
-        raise ConfigError(f"fault {text!r}: would end the run with an error; use `{node}:disconnect` for an open wire")
+        raise ConfigError(f"fault {text!r} would end the run with an error; use `{node}:disconnect` for an open wire")
     return NodeFault(text=text, node=node, fault=fault)
 
 
@@ -256,11 +257,11 @@ class Disturbances:
                 raise ConfigError(f"{noun} {text!r}: begins after the end of the run ({duration_s:g} s)")
             computes_crc = isinstance(span, FlipBits) and span.before_crc
             if config.bus.key and (computes_crc or (isinstance(span, StuckAt) and span.counter_runs)):
-                raise ConfigError(f"fault {text!r}: builds new frames, but cannot authenticate them for bus.key")
+                raise ConfigError(f"fault {text!r} cannot be used with bus.key: its new frames would have no valid MAC")
             for name in one.named if isinstance(one, SensorDisturbance) else ():
                 if name not in sensors:
                     used = ", ".join(sensors)
-                    raise ConfigError(f"disturbance {text!r}: {name} must be a sensor of the bundle: {used}")
+                    raise ConfigError(f"disturbance {text!r}: {name} must be a sensor of the bundle ({used})")
             if isinstance(one, GustyWind):
                 whole_cycles(one, config.operating_point.convective_time)
 
@@ -272,6 +273,6 @@ def whole_cycles(gust: GustyWind, convective_time: float) -> float:
     lasts_s, period_s = gust.end_s - gust.start_s, gust.period * convective_time
     if (cycles := floor(lasts_s / period_s + 1e-9)) < 1:
         raise ConfigError(
-            f"disturbance {text_of(gust)!r}: lasts {lasts_s:g} s, must last at least one period of {period_s:g} s"
+            f"disturbance {text_of(gust)!r} lasts {lasts_s:g} s; it must last at least one period of {period_s:g} s"
         )
     return cycles

@@ -35,7 +35,7 @@ S = TypeVar("S", bound=Span)
 PORT_NAMES: Final = {"vehicle": "vehicle", "ecu": "ECU"}
 """Names of the nodes' ports on the simulated bus, by the nodes' names in disturbances."""
 LOOK_NS: Final = 1_000_000
-"""Time in ns between two events that port faults add to the bus, so that ports release delayed frames in time."""
+"""Time in ns between two bus events that are added for port faults. At each event, the ports can release frames."""
 
 
 class NodeFaults:
@@ -43,7 +43,7 @@ class NodeFaults:
 
     Args:
         faults: faults of all nodes; the first fault of a node is closest to the bus.
-        before: numbers of random sequences that the nodes' ports already use, by node; these faults use the next ones.
+        before: how many random sequences each node's port uses already; these faults use the sequences after them.
     """
 
     def __init__(self, faults: Sequence[NodeFault], bus: SimulatedBus, seed: int, before: Mapping[str, int]) -> None:
@@ -73,13 +73,13 @@ class NodeFaults:
         return [next(injectors[one.node]).acted for one in self._faults]
 
     def end(self) -> None:
-        """Stop the periodic calls of the ports. From then on, faults act only when a node uses its port."""
+        """Stop calling the ports periodically. From then on, faults act only when a node uses its port."""
         self._ended = True
 
     def _look(self) -> None:
         if self._ended:
             return
-        # The bus runs this function as an event. After each event, the loop checks whether the ECU received pressures.
+        # This function is a bus event. After each event, the loop reads the ECU's port, which releases delayed frames.
         for port in self._babbling:
             port.look()
         self._bus.call_at(self._bus.now_ns + LOOK_NS, self._look)
@@ -105,8 +105,8 @@ class Disturbing:
 
     Args:
         sensors: names of the sensors, in the order of the readings.
-        before: numbers of random sequences that earlier disturbances use: by "all" in total, by a node's name in the
-            node's port.
+        before: how many random sequences earlier disturbances use: "all" has the total, a node's name has the number
+            in the node's port.
     """
 
     def __init__(
@@ -121,7 +121,7 @@ class Disturbing:
         self._config, self._seed, self._before = config, seed, before
         self._acted: Counter[int] = Counter()
         self._transducers = []
-        self._in_ports: dict[int, NodeFault] = {}  # by the index in the order given
+        self._in_ports: dict[int, NodeFault] = {}  # by the disturbance's index
         for place, item in enumerate(self._items):
             if isinstance(item, SensorDisturbance):
                 drawn = np.random.SeedSequence([seed, before.get("all", 0) + place])
@@ -228,7 +228,7 @@ class Disturbing:
 
     @contextmanager
     def in_flow(self, plant: Plant) -> Iterator[None]:
-        """Add the gusts to the plant's wind for a block that begins with the run; then restore wind and viscosity."""
+        """Add the gusts to the plant's wind in a block that begins with the run; then restore wind and viscosity."""
         if not any(isinstance(one, kinds.Reynolds | kinds.GustyWind) for one in self._items):
             yield
             return
@@ -244,7 +244,7 @@ class Disturbing:
         def blown(t: float) -> float:
             return (0.0 if wind is None else wind(t)) + sum(gust(t) for gust in gusts)
 
-        if gusts:  # a drive may already vary the vehicle's speed through the plant's wind
+        if gusts:  # without gusts, the plant keeps its wind, which a drive may have set
             plant.wind = blown
 
         def restore() -> None:
@@ -281,7 +281,7 @@ class Disturbing:
 @contextmanager
 def driving(plant: Plant, drive: Drive, config: Config) -> Iterator[Drivable]:
     """Make the plant's inflow follow the drive while the block runs. At the start, the wake is scaled to the drive's
-    first speed; it adapts fully during the time without control. Raises ConfigError if the plant's speed is fixed."""
+    first speed; the wake adapts fully in the time without control. Raises ConfigError if the plant's speed is fixed."""
     if not isinstance(plant, Drivable):
         raise ConfigError(f"drive {drive.name}: this plant has a constant speed (`wake.plant.protocol.Drivable`)")
     wind, first = plant.wind, drive.speeds[0] / config.operating_point.speed
@@ -308,7 +308,7 @@ def uncontrolled(plant: Plant, disturbing: Disturbing, config: Config, periods: 
 def without_control(
     plant: Drivable, disturbing: Disturbing, config: Config, periods: int, progress: Callable[[int, int], None]
 ) -> dict[str, Array]:
-    """Compute the series `WITHOUT` with shut jets; then restore the state. `progress` gets (periods done, total)."""
+    """Compute the series `WITHOUT` with shut jets, then reset the plant. `progress` gets (periods done, total)."""
     start, rows = plant.state(), np.empty((periods, len(WITHOUT)))
     for k, sample in enumerate(uncontrolled(plant, disturbing, config, periods)):
         rows[k] = sample.Cd, sample.Cd_net, sample.Cl

@@ -14,18 +14,18 @@ C: Final = "c"
 MCU: Final = "mcu"
 """Kind of an ECU whose whole firmware runs on an emulated board with a Cortex-M7."""
 CLOCKS_MHZ: Final = (1.0, 10_000.0)
-"""Lowest and highest accepted clock rate. At lower rates a control step takes seconds; no real core is faster."""
+"""Lowest and highest accepted clock rate. At lower rates a control step takes seconds; no core has a higher rate."""
 
 
 def check_ecu(kind: str, clock_mhz: float) -> None:
-    """Check that an ECU of this kind can be created. Raises LibraryError if there is no compiler for the kind C; for
-    the kind MCU, ConfigError for a clock outside `CLOCKS_MHZ`, ModuleNotFoundError without the emulator (extra mcu)."""
+    """Check that an ECU of this kind can be created. For the kind C, raises LibraryError without a compiler. For
+    MCU, raises ConfigError for a clock outside `CLOCKS_MHZ`, ModuleNotFoundError without the emulator (extra mcu)."""
     if kind == C:
         host_compiler()
         return
     lowest, highest = CLOCKS_MHZ
     if not lowest <= clock_mhz <= highest:
-        raise ConfigError(f"a clock of {clock_mhz:g} MHz: must be in {lowest:g}..{highest:g} MHz")
+        raise ConfigError(f"a clock of {clock_mhz:g} MHz is not possible: it must be in {lowest:g}..{highest:g} MHz")
     import_module("firmware_sim.mcu.board.board_ecu")
 
 

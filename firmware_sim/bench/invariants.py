@@ -21,10 +21,10 @@ At the jets, for the action reached at the end of every period:
     jets_bounds     the action is within the action limit
     jets_rate       the action differs from the previous action by at most `vehicle.action_step`, unless it is 0
 
-The deciding period is the period in which the jets reach the action. With `ecu.plan_ahead` it is one period earlier,
-and with `vehicle.actuator_delay` it is earlier by this delay. A command that shuts the jets is considered only if
-the vehicle certainly accepted it, as the next command of a stream without errors. So the checks are one-sided: if
-frames are lost or damaged, a violation may be missed, but a false violation is never reported.
+Without a delay, the deciding period is the period in which the jets reach the action. With `ecu.plan_ahead` it is one
+period earlier, and with `vehicle.actuator_delay` it is earlier by this delay. A command that shuts the jets is
+considered only if the vehicle certainly accepted it, as the next command of a stream without errors. So the checks are
+one-sided: if frames are lost or damaged, a violation may be missed, but a false violation is never reported.
 
 `Commands` and `Jets` check values, not frames, for the proofs in `tests/proofs/ecu`, which have their own parser.
 """
@@ -60,7 +60,7 @@ ROUNDING: Final = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Violation:
-    """A violation of an invariant: `period` counts from 0, `detail` has the values that violate the invariant."""
+    """A violation of an invariant. Periods count from 0; `detail` has the values that violate the invariant."""
 
     period: int
     invariant: str
@@ -68,26 +68,24 @@ class Violation:
 
 
 class HeardCommand(NamedTuple):
-    """A command without errors. wanted: its mode shows a request for control. drives: it is enabled, in a mode that
-    drives the jets. in_time: it was computed from recent pressures of this vehicle."""
+    """A command that the vehicle received without errors."""
 
     counter: int
-    wanted: bool
-    drives: bool
-    in_time: bool
+    wanted: bool  # whether the mode implies that the ECU has received a request for control
+    drives: bool  # whether the command is enabled and its mode drives the jets
+    in_time: bool  # whether the command was computed from recent pressures of this vehicle
 
 
 class _Period(NamedTuple):
-    """The commands of a period. drives: a command may drive the jets. old: a command could drive them, but its
-    pressures are too old. shuts: no command may drive the jets, and the vehicle certainly accepted the last command."""
+    """The properties of the commands that the vehicle received in one period."""
 
-    drives: bool
-    old: bool
-    shuts: bool
+    drives: bool  # whether a command may drive the jets
+    old: bool  # whether a command could drive the jets, but its pressures are too old
+    shuts: bool  # whether no command may drive the jets, and the vehicle certainly accepted the last command
 
 
 class Commands:
-    """The checks of an ECU's commanded flow rates. `bus_shut` stands for the conditions of `bus_bounds` on `Enable`."""
+    """The checks of an ECU's commanded flow rates. `bus_shut` is the part of `bus_bounds` that concerns `Enable`."""
 
     def __init__(self, config: Config) -> None:
         scale = config.operating_point.flow_rate_scale
@@ -95,7 +93,7 @@ class Commands:
         self.flow = 0.0
 
     def reach(self, share: float = 1.0) -> float:
-        """Return the largest allowed change of flow rate within `share` of a period, plus the resolution, in m2/s."""
+        """Return the allowed change of flow rate (m2/s) in `share` of a period, including the signal's resolution."""
         return self._step * share + FLOW_RESOLUTION_M2_PER_S
 
     def broken(self, flow: float, *, enable: bool, drives: bool, share: float = 1.0) -> Iterator[tuple[str, str]]:
@@ -148,7 +146,7 @@ class Jets:
         self._sound = self._sound + 1 if len(commands) == 1 and last is not None else 0
         known = [command for command in commands if command is not None]
         drives = any(command.drives and command.in_time for command in known)
-        # The receiver's E2E state depends only on the latest frames: if these had no errors, it accepts the next frame.
+        # The receiver's E2E state depends only on the latest frames. If they had no errors, the next frame is accepted.
         believed = last is not None and self._sound > self._e2e_window
         old = any(command.drives and not command.in_time for command in known)
         self._heard.append(_Period(drives=drives, old=old, shuts=believed and not drives))
@@ -207,14 +205,14 @@ class Invariants:
         self._was_wanted = self._low_heard = self._edge_heard = False
         self._jets = Jets(config)
         self._sampled: dict[int, tuple[int, int]] = {}  # counter of a Pressure frame: (period, time in ns)
-        self._reached: dict[int, int] = {}  # the same counter: time stamp in ns of the first frame at the ECU
+        self._reached: dict[int, int] = {}  # same keys: time stamp in ns of the first such frame at the ECU
         self._arrived: list[Frame] = []
 
     @classmethod
     def of(cls, config: Config, disturbances: Disturbances) -> Self:
         """Return the invariants of a run with these disturbances.
 
-        Pressures stamped while the ECU's clock was ahead appear younger than they are; the check of ages allows for it.
+        Pressures stamped while the ECU's clock was ahead appear too young. The check of ages allows for this.
         """
         hidden_s = drift = 0.0
         for one in disturbances.items:
@@ -225,7 +223,7 @@ class Invariants:
         return cls(config, hidden_ns=round(hidden_s * NS), drift=drift, jets_follow=jets_follow)
 
     def frame(self, frame: Frame, *, node: str, sent: bool, now_ns: int) -> None:
-        """Check a frame that the node's software sends or receives now; a port's faults act between it and the bus."""
+        """Check a frame that the node's software sends or receives now, before or after faults of the node's port."""
         if node == "vehicle":
             if sent and self._pressure.spec.names(frame):
                 self._sampled[profile_of(self._pressure.spec).counter_of(frame.data)] = self._period, now_ns

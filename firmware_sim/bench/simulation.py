@@ -43,7 +43,7 @@ from wake.plant.drive import Drive
 from wake.plant.protocol import LoopPlant
 
 WARM_UP_PLANS: Final = 3
-"""Number of control steps with zero inputs before the run, as at boot: ONNX Runtime's first steps allocate memory."""
+"""Number of control steps with zero inputs before the run, because ONNX Runtime's first steps allocate memory."""
 SHEDDING_TIME: Final = 5.0
 """Length in t_c of a shedding cycle of the truck's wake, from its Strouhal number of 0.2."""
 _LONGEST: Final = 1e6
@@ -202,7 +202,7 @@ class Spans:
         for name, count in (("lead-in", lead_in), ("controlled", controlled)):
             if count < 1:
                 span = f"--{name} = {getattr(self, name.replace('-', '_')):g}"
-                raise StillwakeError(f"{span}: shorter than a control period of {control_period:g}")
+                raise StillwakeError(f"{span}: must be at least a control period of {control_period:g} t_c")
         return lead_in, lead_in + controlled
 
 
@@ -277,7 +277,7 @@ class Simulation:
         progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
         progress_without: Callable[[int, int], None] = lambda done, total: None,
     ) -> RunLog:
-        """Run the loop on this wake from its present state. If there is a drive, it is first run without control.
+        """Run the loop on this wake from its present state. With a drive, the drive is first run without control.
         Raises StillwakeError if the bundle is for another body, or if the wake's flow cannot be disturbed or diverges.
 
         Args:

@@ -91,7 +91,7 @@ class VirtualLoop(NeverCopied):
         self._at_vehicle, self._at_ecu, self._ecu_health = at_vehicle, at_ecu, ecu_health
         self._ecu_clock = ecu_clock
         self._power_on = ecu.ecu.state
-        self._boots = self._booted_ns = self._rejected = 0  # rejected: frames, by the ECU before its reset
+        self._boots = self._booted_ns = self._rejected = 0  # _rejected: frames that the ECU rejected before a reset
         messages = message_set(config.bus)
         self._pressure, self._command = messages.pressure.spec, messages.command.spec
         self._substeps, self._period_ns = config.flow.substeps, config.period_ns

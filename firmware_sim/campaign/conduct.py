@@ -50,7 +50,7 @@ _SETTINGS: Final = ("bus", "ecu", "vehicle", "flow.reynolds", "flow.substeps")
 PlantKey = tuple[FlowConfig, BodyConfig]
 
 MARGIN_PERIODS: Final = 2
-"""Number of periods that the lead-in needs in addition to those that fill the window: the first frame adds no row."""
+"""Number of periods that the lead-in needs in addition to those that fill the window; the first frames add no row."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +72,7 @@ class RunTask:
         return plant_of(self.config)
 
     def key(self, bundle_digest: str, start_digest: str, program_version: str) -> str:
-        """Return the hash of everything that the run depends on, in hex."""
+        """Return the hash, as hexadecimal digits, of everything that the run depends on."""
         deciding: dict[str, Any] = {
             "disturb": list(self.disturb),
             "config": loading.to_tree(self.config),
@@ -258,7 +258,7 @@ def conduct(
     Args:
         campaign: a campaign that has passed `Campaign.check`; its folder has passed `CampaignFolder.check`.
         progress: called with (runs done, total runs, name of the run just finished); before the first run it is called
-            with (0, 0, text on the wake that is being computed).
+            with (0, 0, text about the wake that is being computed).
     """
     if scheduler is not None:
         with dask_client(1, scheduler):
@@ -272,7 +272,7 @@ def conduct(
     def developing(scenario: str, t: float, total: float) -> None:
         progress(0, 0, f"the wake of {scenario or 'all'}, {t:.0f} of {total:.0f} t_c")
 
-    # The folder's states do not fit if they are from a campaign with other phases or settings, which is replaced now.
+    # States of a campaign with other phases or settings do not fit; the present call replaces such a campaign.
     kept, starts = folder if folder.has_starts_of(campaign.label()) else None, {}
     for plant, scenario in plants.items():
         config = replace(campaign.config, flow=plant[0], body=plant[1])

@@ -131,7 +131,7 @@ class CampaignFolder:
             return
         present = _read(self.label, CAMPAIGN_SCHEMA)
         if present is None:
-            raise OutputError(f"{self.path}: holds files that no campaign wrote; name another folder")
+            raise OutputError(f"{self.path}: holds files that no campaign wrote; give another folder")
         if present != _plain(label) and not overwrite:
             names = ", ".join(sorted(n for n in present.keys() | label.keys() if present.get(n) != label.get(n)))
             raise OutputError(

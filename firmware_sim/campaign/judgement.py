@@ -42,7 +42,7 @@ class PhaseOutcomes:
 
 @dataclass(frozen=True, kw_only=True)
 class Spread:
-    """The mean, minimum and maximum over the starting phases."""
+    """The mean, minimum and maximum of a figure over the starting phases."""
 
     mean: float
     least: float
@@ -220,7 +220,7 @@ def number(value: float, style: str) -> str:
 def headline(rows: Sequence[ScenarioRow]) -> str:
     safe = sum(row.safe for row in rows)
     uses = Counter(str(row.use) for row in rows if row.scenario.name != UNDISTURBED)
-    look = " One start: no more than an impression." if rows and all(len(row.phases) == 1 for row in rows) else ""
+    look = " Only one starting phase: others may differ." if rows and all(len(row.phases) == 1 for row in rows) else ""
     unsafe = ", ".join(row.scenario.name for row in rows if not row.safe)
     ending = f"; UNSAFE: {unsafe}" if unsafe else ""
     use = f"under disturbance {uses['useful']} useful, {uses['marginal']} marginal, {uses['none']} of no use"

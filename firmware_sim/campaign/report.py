@@ -89,7 +89,8 @@ def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day
 
 
 def curve(rows: Sequence[ScenarioRow], pattern: str) -> Points:
-    """Collect (number, row) of the scenarios whose name matches `pattern`, by its group, and of the undisturbed (0)."""
+    """Return points (number, row), sorted by number: a point for each scenario whose name matches `pattern`, with the
+    number in the pattern's group, and a point for the undisturbed scenario, with the number 0."""
     found = []
     for row in rows:
         match = re.fullmatch(pattern, row.scenario.name)
@@ -107,7 +108,7 @@ def figures_of(rows: Sequence[ScenarioRow]) -> dict[str, Figure]:
         "compensated": curve(rows, r"delay_(\d+)"),
         "not compensated": curve(rows, r"delay_(\d+)_uncompensated"),
     }
-    # The paper states no Cd under noise, so its only point in this figure is the undisturbed loop.
+    # The paper states no Cd under noise, so the paper's only point in this figure is the undisturbed loop.
     undisturbed = {0: PAPERS_DELAYED_CD[0]}
     found = {
         "noise": curves_figure(noise, "sensor noise / global deviations", "paper", undisturbed),

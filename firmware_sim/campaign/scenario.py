@@ -39,7 +39,7 @@ _NAME: Final = re.compile(r"[a-z0-9][a-z0-9_.]*")
 LONGEST_NAME: Final = 80
 """Largest number of characters of a name, which is also part of a file name."""
 BUILT_IN: Final = ("paper", "sensors", "bus", "flow")
-"""Names of the files in `plans/`, in the order of the plan that consists of them."""
+"""Names of the files in `plans/`, in the order in which `whole_plan` reads them."""
 MOST_SCENARIOS: Final = 1000
 _SENSORS: Final = "sensors"
 """Value of `each` with which a scenario is repeated for each sensor of the release."""
@@ -153,12 +153,12 @@ class _PlanForm:
 
 
 def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
-    """Return the built-in scenarios, then the users' scenarios. Raises ConfigError, which names the file, on errors."""
+    """Return the built-in scenarios, then the users' scenarios. Raises ConfigError with the file of an error."""
     folder = files("firmware_sim.campaign").joinpath("plans")
     sources: list[Traversable] = [*(folder.joinpath(f"{name}.toml") for name in BUILT_IN), *users]
     scenarios = tuple(one for source in sources for one in read_plan(source, place))
     if len(scenarios) > MOST_SCENARIOS:
-        raise ConfigError(f"{len(scenarios)} scenarios: must be at most {MOST_SCENARIOS}")
+        raise ConfigError(f"the plan has {len(scenarios)} scenarios; it must have at most {MOST_SCENARIOS}")
     check_names(scenarios)
     return scenarios
 
@@ -209,7 +209,7 @@ def _values(form: _ScenarioForm, place: Place) -> Sequence[int | float | str]:
 
 @dataclass(frozen=True)
 class _Time:
-    """A value for `str.format`. Its format specification is a time in t_c; it yields `start_s` plus this time in s."""
+    """A value for `str.format`. Its format specification is a time in t_c; the text is `start_s` + this time in s."""
 
     start_s: float
     t_c_s: float
@@ -222,6 +222,6 @@ def _filled(text: str, words: Mapping[str, object]) -> str:
     try:
         return text.format_map(words)
     except KeyError as error:
-        raise ConfigError(f"{text!r}: {{{error.args[0]}}} must be one of {', '.join(sorted(words))}") from error
+        raise ConfigError(f"{text!r} contains {{{error.args[0]}}}; valid names: {', '.join(sorted(words))}") from error
     except (ValueError, IndexError, AttributeError, TypeError) as error:
-        raise ConfigError(f"{text!r}: cannot be filled in ({error})") from error
+        raise ConfigError(f"{text!r} cannot be filled in ({error})") from error

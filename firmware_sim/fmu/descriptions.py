@@ -75,7 +75,7 @@ def model_description(
 
 
 def _list_terminal(listed: ElementTree.Element, first: int, kind: FmuKind) -> dict[str, str]:
-    """Add the terminal's clocks and binary variables to the list. Return their value references, from `first` on."""
+    """Add the terminal's clocks and binary variables to the list. Return their value references, `first` and higher."""
     names = ("Rx_Clock", "Rx_Data", "Tx_Clock", "Tx_Data")  # same order as in ecu/c/fmu/bus/sw_fmu_events.c
     references = {name: str(first + i) for i, name in enumerate(names)}
 

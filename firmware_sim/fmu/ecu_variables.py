@@ -43,7 +43,7 @@ air_density    | speed.AirDensity       | Float64     | kg/m3  | 0  | Density of
 send_pressures |                        | Boolean     |        | 1  | Whether a Pressure frame is sent this period
 send_speed     |                        | Boolean     |        | 1  | Whether a VehicleSpeed frame is sent this period
 """
-"""Inputs, one a row: name, message.signal of a `MessageSet`, FMI 3.0 type, unit or enumeration, start, description."""
+"""Table of inputs: name, message.signal of a `MessageSet`, FMI 3.0 type, unit or enumeration, start, description."""
 _BUS: Final = """
 bus_notifications |  | Boolean | | 0 | Whether the bus confirms frames and reports errors and lost arbitration
 step_offset       |  | Float64 | s | 0 | Time from the start to the ECU's first step, shorter than a control period
@@ -129,7 +129,7 @@ def wrapper_settings(variables: Sequence[Variable], token: str, config: Config, 
 
 
 def _first_of_each(variables: Sequence[Variable]) -> dict[str, int]:
-    """Return the value references of inputs and parameters by name; `pressure` and `valid` have the first sensor's."""
+    """Return the value references of inputs and parameters by name; `pressure` and `valid` are the first sensor's."""
     numbered = reversed([*enumerate(variables)])
     return {item.name.partition(".")[0]: i for i, item in numbered if item.causality in ("input", "parameter")}
 

@@ -1,9 +1,9 @@
 """The plant as a slave of FMI 3.0: `pythonfmu3` copies this file into the FMU and runs it in the importing tool's
 Python.
 
-Control periods start at start, start + period and so on. In each period, the jets ramp from their present flow to the
-flow requested at the start of the period, and the inflow ramps to the vehicle's speed in the same way. A communication
-step computes the periods that end within the step. The outputs are the values at the end of the latest period.
+The first control period begins at the start time, and the others follow without gaps. In each period, the jets ramp
+from their present flow to the flow requested at the period's start, and the inflow ramps to the vehicle's speed in the
+same way. A communication step computes the periods that end in it. The outputs are the values after the latest period.
 
 Invalid calls are refused before they reach this class (`ecu/c/fmu/plant`).
 """

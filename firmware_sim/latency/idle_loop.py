@@ -3,7 +3,7 @@ asks for real-time privileges, like the ECU.
 
     python -m firmware_sim.latency.idle_loop FILE PERIOD_NS PERIODS
 
-The process ends on SIGTERM or after PERIODS periods, and then writes its table to FILE.
+On SIGTERM, or after PERIODS periods, the process writes its table to FILE and ends.
 """
 
 import signal
@@ -37,7 +37,7 @@ class IdleStage(IntEnum):
 
 
 def run(period_ns: int, is_stopped: Callable[[], bool], *, longest: int) -> StageTimes:
-    """Sleep from deadline to deadline until stopped, or for `longest` periods; return the table of `IdleStage`."""
+    """Sleep from deadline to deadline until `is_stopped` is true, at most `longest` periods; return the table."""
     table = StageTimes(IdleStage, longest)
     deadlines = Deadlines(period_ns=period_ns, due_ns=now_ns() + period_ns)
     for _ in range(longest):

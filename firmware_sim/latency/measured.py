@@ -20,7 +20,7 @@ from firmware_sim.latency.running import Recorded
 from firmware_sim.latency.stages import Periods, Stage, Times, joined
 
 LEFT_CONTROL: Final = 5
-"""Number of consecutive periods without a plan that count as a loss of control; two lost frames cause fewer of them."""
+"""Number of consecutive periods without a plan at which control counts as lost. Two lost frames cause fewer periods."""
 NEEDED_FOR_P99_9: Final = 1_000
 """Smallest number of values for which the nearest-rank 99.9th percentile may differ from the maximum."""
 COUNTS: Final = ("misses", "misses_ours")
@@ -186,7 +186,7 @@ class KeptLimit(NamedTuple):
 
 
 def read_budget(path: Path) -> dict[str, float]:
-    """Read the limits of figures such as `all.p99_ms`. Raises ConfigError for a wrong limit, or without any limit."""
+    """Read the limits of figures such as `all.p99_ms`. Raises ConfigError for a wrong limit, or without limits."""
     tree = read_toml(path, "budget")
     try:
         form = typed(tree, _Form)
@@ -275,7 +275,7 @@ def notes(run: MeasuredRun) -> Iterator[str]:
     if periods < NEEDED_FOR_P99_9:
         yield f"p99.9 of fewer than {NEEDED_FOR_P99_9} periods is their maximum."
     slack = f"{run.slack_ns / 1e6:.2f} ms" if isfinite(run.slack_ns) else "not known, because no command arrived"
-    yield f"Slack, from the median to the end of the period: {slack}."
+    yield f"Slack, from the median arrival of commands to the end of the period: {slack}."
     yield f"Privileges of the idle loop: {run.recorded.privileges}."
 
 

@@ -56,7 +56,7 @@ class Periods:
         scheduled: sampling instants, shape (n,).
         answered: arrival of the first command computed from these or newer pressures, shape (n,); infinite if none.
         stages: latencies in ns of each stage, shape (n,); NaN for a period without the stage.
-        stalls: by stage, times in ns from each of the m periods that a node left out to its next period, shape (m,).
+        stalls: by stage, shape (m,): for each of m periods that a node skipped, time in ns to the node's next period.
         planned: number of periods whose pressures were used for a plan.
     """
 
@@ -142,7 +142,7 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
 
 
 def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_period: int) -> Index:
-    """Return for each received counter the index of the last row sent before with this counter; -1 if there is none."""
+    """Return for each received counter the index of the latest row that was sent with this counter; -1 if none was."""
     own, sampled = sent[:, VehicleStage.PRESSURE_COUNTER], sent[:, VehicleStage.SAMPLED]
     newest = np.searchsorted(sampled, arrived, side="right") - 1
     back = newest - (own[newest] - counters) % counter_period
@@ -158,7 +158,7 @@ def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_perio
 def _fill(
     stages: Mapping[Stage, Array], own: Index, sent: Times, scheduled: Times, took: Times, step: Index, period_ns: int
 ) -> None:
-    """Fill in the latencies of the periods `own`, from the vehicle's rows and the ECU's steps (-1 for no step)."""
+    """Fill in the latencies of the periods `own`, one per row of `sent`. `step` has the row's index in `took` or -1."""
     stages[Stage.SAMPLE][own] = sent[:, VehicleStage.SAMPLED] - scheduled
     acted = sent[:, VehicleStage.ACTUATED] > 0
     stages[Stage.ACTUATE][own[acted]] = (sent[:, VehicleStage.ACTUATED] - scheduled - period_ns)[acted]

@@ -106,7 +106,7 @@ class LiveSession(NeverCopied):
         self._now_due = True
 
     def before(self, request: object) -> Callable[[], None] | None:
-        """Return a function that prepares the requested ECU in a thread; None if there is nothing to prepare."""
+        """Return a function, for a thread, that prepares the requested ECU; None if there is nothing to prepare."""
         try:
             action, value = asked(request)
             if action != "set":
@@ -235,7 +235,7 @@ class LiveSession(NeverCopied):
             self._made[controller] = made, made.ecu.state
         ecu, at_first = self._made[controller]
         if powered_on:
-            # A run's time begins at 0. An emulated core would wait until this time has reached the core's clock.
+            # A run's time begins at 0. Without this call, an emulated core would wait until the time reaches its clock.
             for made, _ in self._made.values():
                 made.start_clock()
         ecu.ecu.calibrate(self._own if settings.weights is None else replace(self._own, weights=settings.weights))

@@ -97,7 +97,7 @@ class LiveSettings:
         self, given: Mapping[str, Any], sensors: Sequence[str], own: Calibration, limits: CalibrationLimits
     ) -> Self:
         """Return the settings with the values in `given`; `weights` has weights by name, or None for the release's.
-        `own` is the release's calibration. Raises ConfigError for an unknown name, a wrong type or a wrong range."""
+        `own` is the release's calibration. Raises ConfigError for an unknown name, a wrong type or value."""
         known = {item.name for item in fields(self)}
         if unknown := sorted(set(given) - known):
             raise ConfigError(f"live setting {unknown[0]!r}: must be one of {', '.join(sorted(known))}")

@@ -21,7 +21,7 @@ from ecu.in_c.uds_settings import UDS_SETTINGS, uds_settings
 
 LINKER_SCRIPT: Final = "cortex_m7.ld"
 NO_COMPILER: Final = f"the compiler is missing: {install('mcu')}"
-# C allows contraction within an expression; it gives equal results on all targets that have fused multiply-add.
+# Contraction within an expression, as C allows it, gives equal results on all targets with fused multiply-add.
 COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")
 # The sources already unroll those loops in which this saves time; unrolling all would take 21 KiB more flash. zig's
 # defaults, with frame pointers and more inlining, would take 2 KiB more flash and 3 % more time.
@@ -67,7 +67,7 @@ def read_elf(image: bytes) -> Firmware:
         elf: Any = ELFFile(io.BytesIO(image))
         if elf.elfclass != 32 or not elf.little_endian:
             order = "little" if elf.little_endian else "big"
-            raise McuError(f"not a 32-bit little-endian ELF file: {elf.elfclass}-bit, {order}-endian")
+            raise McuError(f"the image is not a 32-bit little-endian ELF file: {elf.elfclass}-bit, {order}-endian")
         loaded = (item for item in elf.iter_segments("PT_LOAD") if item["p_filesz"])
         tables = elf.iter_sections("SHT_SYMTAB")
         return Firmware(
@@ -76,7 +76,7 @@ def read_elf(image: bytes) -> Firmware:
             symbols={item.name: item["st_value"] for table in tables for item in table.iter_symbols()},
         )
     except ELFError as error:
-        raise McuError(f"not a 32-bit little-endian ELF file: {error}") from error
+        raise McuError(f"the image is not a 32-bit little-endian ELF file: {error}") from error
 
 
 def compile_for_cortex_m7(
@@ -140,4 +140,4 @@ def compile_with_zig(sources: Mapping[str, bytes], output: Path, flags: Sequence
     try:
         compile_c(sources, output, compiler=compiler, flags=flags)
     except LibraryError as error:
-        raise McuError(f"compiling for the microcontroller: {error}") from error
+        raise McuError(f"compiling for the microcontroller failed: {error}") from error

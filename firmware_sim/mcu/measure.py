@@ -58,7 +58,7 @@ class Measurement:
         yield "multiply-accumulates", f"{self.multiply_accumulates / 1e6:.2f} M"
         yield "instructions", f"{self.instructions / 1e6:.3f} M"
         for clock, milliseconds in self.one_per_cycle_ms.items():
-            yield f"at {clock} MHz, one a cycle", f"{milliseconds:.1f} ms"
+            yield f"at {clock} MHz, one instruction per cycle", f"{milliseconds:.1f} ms"
         for clock, milliseconds in self.modelled_ms.items():
             yield f"at {clock} MHz, modelled pipeline", f"{milliseconds:.1f} ms"
         agreement = "identical bit for bit" if self.identical else f"action within {self.action_difference:.2g}"
@@ -84,7 +84,7 @@ def measure(
     settings = ProgramSettings.of(sources)
     window, columns = settings.number("SW_WINDOW"), settings.number("SW_SENSORS") + 1
     if rows.ndim != 2 or rows.shape[1] != columns or len(rows) < window:
-        raise McuError(f"recorded rows have shape {rows.shape}: must be at least {window} rows of {columns}")
+        raise McuError(f"the recorded rows have shape {rows.shape}; the core needs at least {window} rows of {columns}")
     phase(MCU_PHASES[0])
     firmware = read_elf(compile_for_cortex_m7(sources, core=core))
     machine = Machine(firmware)

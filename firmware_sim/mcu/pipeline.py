@@ -3,8 +3,8 @@
 Arm publishes no cycle counts for the Cortex-M7, so its model makes these assumptions:
 
 - Instructions issue in order, up to two per cycle, when both are ready. At most one instruction of a pair may multiply,
-  use the floating-point unit, access memory, or branch, but two single loads may form a pair. Multiple transfers issue
-  alone. The second instruction of a pair may write a register that the first one reads.
+  use the floating-point unit, access memory, or branch, but two single loads may form a pair. Multiple loads or stores
+  issue alone. The second instruction of a pair may write a register that the first one reads.
 - A result of the integer unit or of a floating-point move can be used one cycle later. After a load or a multiplication
   this takes two cycles (one if a multiply-accumulate adds to the product), after other floating-point operations three,
   and after a fused multiply-add four cycles. Divisions take 14 cycles and block their unit.
@@ -35,7 +35,7 @@ _FUSED: Final = ("vfm", "vfnm", "vmla", "vmls", "vnml")
 
 
 class Pipeline:
-    """A model of the cycles of `code` at `origin`: on a Cortex-M7, or on a Cortex-M4 if `dual_issue` is False."""
+    """A model of the cycles of machine code at `origin`, on a Cortex-M7, or on a Cortex-M4 if `dual_issue` is False."""
 
     def __init__(self, code: bytes, origin: int, *, dual_issue: bool = True) -> None:
         self._code, self._origin = code, origin
@@ -112,7 +112,7 @@ def _kind(mnemonic: str) -> tuple[str, int, int]:
     if name.startswith(_DIVIDE):
         return "divide", _DIVIDE_CYCLES, 1
     if name.startswith(_MANY):
-        # Multiple transfers move two words per cycle. The firmware's longest move about eight words, so four cycles.
+        # A multiple load or store moves two words per cycle. The firmware's longest moves about eight in four cycles.
         return "many", 2, 1 if name == "strd" else 4
     if name.startswith("ldrd"):
         return "double", 2, 1

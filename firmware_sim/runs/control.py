@@ -104,7 +104,7 @@ def set_aside(log: RunLog) -> list[tuple[str, int]]:
 
 
 def trouble(log: RunLog) -> str | None:
-    """Return a sentence that says why the controller was not always in control; None if it was. Pages show it first."""
+    """Return the sentence, shown first on pages, on why the controller was not always in control; None if it was."""
     found = control(log)
     if found.held:
         return None

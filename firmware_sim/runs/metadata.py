@@ -38,8 +38,8 @@ class RunOrigin:
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """A disturbance and how often it acted. Faults of a port count their effects, bit errors count attempts to send,
-    resets count as one each, and all other disturbances count the periods in which they act."""
+    """A disturbance and how often it acted. `acted` is the number of effects of a port's fault, of transmissions
+    with bit errors, of resets, or of periods in which any other disturbance acted."""
 
     text: str
     acted: int
@@ -140,7 +140,7 @@ _UNUSED: Final = ("forcing", "model", "train", "mpc")
 
 
 def settings_of(run: RunMetadata) -> dict[str, str]:
-    """Return a run's settings by their dotted TOML names. The `mpc` settings are the bundle's, except the weights."""
+    """Return a run's settings by their dotted TOML names. The `mpc` settings, except the weights, are the bundle's."""
     used = {name: value for name, value in loading.to_tree(run.config).items() if name not in _UNUSED}
     built = asdict(run.mpc) | {"weights": asdict(run.weights)}
     return {name: str(value) for name, value in loading.leaves(used | {"mpc": built})}

@@ -196,7 +196,7 @@ def load(path: Path) -> RunLog:
         if (schema := header.get("schema")) != _SCHEMA:
             made_by = header.get("metadata", {}).get("versions", {}).get("stillwake", "an unknown version")
             raise ValueError(
-                f"schema {schema!r}, made by stillwake {made_by}; this is stillwake {version('stillwake')}, which "
+                f"it has the schema {schema!r}, made by stillwake {made_by}; stillwake {version('stillwake')} only "
                 f"reads {_SCHEMA!r}: make the run again"
             )
         count, metadata = len(data["t"]), RunMetadata.from_tree(header["metadata"])
@@ -260,6 +260,6 @@ class RunFolder:
         there = names_in(self.path) if self.path.is_dir() else set()
         holds_a_run = {self.series.name, self.summary.name} & there
         if there - {"openfoam"} and not holds_a_run:
-            raise StillwakeError(f"{self.path}: holds files that no run wrote; name another folder")
+            raise StillwakeError(f"{self.path}: holds files that no run wrote; give another folder")
         if not overwrite and holds_a_run:
             raise StillwakeError(f"{self.path} holds a run: give another folder, or --overwrite to replace it")

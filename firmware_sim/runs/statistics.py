@@ -1,7 +1,7 @@
 """The figures of a run: averages without and with control, totals of a drive, and computing time of the ECU's steps.
 
 Averages are over whole shedding cycles (`wake.truck.averages`). Before control, the lift's zero crossings separate the
-cycles. Under control, the average is over as many cycles of their mean length as fit in after the settling time.
+cycles. Under control, the average is over as many cycles of the same mean length as fit after the settling time.
 """
 
 from dataclasses import asdict, dataclass
@@ -75,7 +75,7 @@ class Latency:
 
 
 def averages(log: RunLog) -> Averages | NoAverages:
-    """Compute two averages: up to the request for control, and from the end of the settling time on."""
+    """Compute the averages up to the request for control, and from the end of the settling time on."""
     if not log.metadata.averages:
         return NoAverages("No averages were requested.")
     if log.metadata.drive is not None:

@@ -117,7 +117,7 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
 
 
 def headline(log: RunLog) -> str:
-    """Summarise the run, problems first. A reduction gets a warning unless control was held and side force fell."""
+    """Summarise the run, problems first. Warn about a reduction unless control was held and side force fell."""
     warning, means = trouble(log), averages(log)
     text = means.why if isinstance(means, NoAverages) else _judged(log, means)
     if (drive := drive_totals(log)) is not None:
@@ -126,7 +126,7 @@ def headline(log: RunLog) -> str:
             for percent in (drive.reduction_percent, drive.net_reduction_percent)
         )
         text = (
-            f"Drive {drive.name}: {less} energy against wall drag, {net} with the jets and their price, mean |Cl| "
+            f"Drive {drive.name}: {less} energy against wall drag, {net} including the jets and their drag, mean |Cl| "
             f"{drive.abs_Cl_without:.2f} to {drive.abs_Cl:.2f}."
         )
         if isnan(drive.reduction_percent):

@@ -102,7 +102,7 @@ def load(path: Path, log: RunLog) -> WakeStills:
         data = read_npz(path)
         header = strict_json.decode(data.text("header").encode())
         if (schema := header.pop("schema", None)) != _SCHEMA:
-            raise ValueError(f"schema {schema!r}, must be {_SCHEMA!r}")
+            raise ValueError(f"its schema is {schema!r}, but must be {_SCHEMA!r}")
         ends, packed = data.numbers("ends", None).astype(np.int64), data["stills"].tobytes()
         begins = [0, *ends[:-1].tolist()]
         wake = WakeStills(
@@ -120,7 +120,7 @@ def load(path: Path, log: RunLog) -> WakeStills:
 def _check(wake: WakeStills, total: int, log: RunLog) -> None:
     count = len(wake.stills)
     if not count or wake.k.shape != (count,) or wake.t.shape != (count,):
-        raise ValueError(f"{count} stills for {len(wake.k)} periods")
+        raise ValueError(f"there are {count} stills for {len(wake.k)} periods")
     if sum(map(len, wake.stills)) != total:
         raise ValueError("the sizes of the stills do not add up to the size of the stored data")
     times = log.series["t"]
@@ -134,4 +134,4 @@ def _check(wake: WakeStills, total: int, log: RunLog) -> None:
         except (UnidentifiedImageError, OSError):
             raise ValueError("a still is not a WebP picture") from None
         if size != wake.scene.size:
-            raise ValueError(f"a still has {size} pixels, must have {wake.scene.size}")
+            raise ValueError(f"a still has {size} pixels; it must have {wake.scene.size}")

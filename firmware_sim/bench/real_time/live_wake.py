@@ -110,7 +110,7 @@ class LiveWake(NeverCopied):
         self._is_busy = False
 
     def sampled(self) -> Array | None:
-        """Return Cp as `Pressures` does; raise PlantError if the flow diverged or the process ended."""
+        """Return Cp as `Pressures.sampled` does; raise PlantError if the flow diverged or the process ended."""
         if self._is_busy and not self._pipe.poll():
             return None
         if self._is_busy:

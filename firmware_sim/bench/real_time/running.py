@@ -37,7 +37,7 @@ class Course:
     Attributes:
         periods: number of periods; None for an endless run.
         enable_after_s: time in s of the first request for control; None for no request.
-        freshness: file that counts the node's power cycles; must be given with `bus.key`, and only then.
+        freshness: file that counts the node's power cycles; required with `bus.key`, not allowed without it.
         frames: measurement file for the frames that the vehicle sent and accepted.
     """
 
@@ -87,7 +87,7 @@ def run_vehicle(
         figures, begun, has_given_up = loop.figures, 0, False
         while not is_stopped() and (course.periods is None or begun < course.periods):
             if course.drive is not None:
-                # In a period without pressures, the live wake's time stands still; so must the drive's time.
+                # In a period without pressures, the live wake's time stands still. The drive's time must stop, too.
                 driven_s = (begun - figures.unsampled) * config.period_ns / 1e9
                 node.speed = node.stated_speed = course.drive.speed(driven_s)
             loop.period(enable_request=enable_from is not None and begun >= enable_from)

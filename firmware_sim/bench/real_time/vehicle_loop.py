@@ -2,7 +2,7 @@
 pressures are from a recording or a live wake. Long runs need no more memory than short runs.
 
 Period k begins at the absolute instant t_k. A frame that arrived before t_k belongs to period k - 1, even if this
-process woke late. The jets' driver, `VehicleNode`, makes the same checks as in virtual time, as they count periods.
+process woke late. The checks in the jets' driver, `VehicleNode`, count periods, as in virtual time.
 """
 
 from collections import Counter
@@ -35,9 +35,9 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 UNSENT_LIMIT: Final = 50
 """Number of consecutively refused frames at which the bus is considered lost: 50 periods of 20 ms are a second."""
 FAREWELL: Final = 3
-"""Number of frames without a request at the end of a run: one more than the number of losses that the ECU tolerates."""
+"""Number of frames that withdraw the request at the end of a run: one more than the losses that the ECU tolerates."""
 LONGEST_FAREWELL: Final = 10
-"""Largest number of periods for sending the `FAREWELL` frames: in some periods the live wake may have no pressures."""
+"""Largest number of periods for sending the `FAREWELL` frames. No frame is sent if the live wake has no pressures."""
 RESOLUTION_NS: Final = 10_000
 LARGEST_AGE_NS: Final = 0xFFFF * AGE_RESOLUTION_NS
 """Largest age in ns that a frame can state. After a long pause of this process, older pressures are not sent."""
@@ -73,7 +73,7 @@ class Replay:
         elif episode in known:
             chosen = known[episode]
         else:
-            raise DatasetError(f"episode {episode!r}: the data set has {', '.join(known)}")
+            raise DatasetError(f"the data set has no episode {episode!r}, only {', '.join(known)}")
         self.layout, self._rows = dataset.layout, cycle(np.asarray(chosen.series["Cp"], dtype=np.float64))
         self.description = (
             f"open loop: recorded episode {chosen.name}, {len(chosen)} periods; the pressures do not respond to the "
@@ -170,7 +170,7 @@ class VehicleLoop:
         now_ns, sleep_until: functions of the clock, which must be the clock of the deadlines and the inbox.
 
     Attributes:
-        heard: counts of the frames received since the caller last set this attribute.
+        heard: counts of the received frames; the caller restarts the counts by assigning a new `Heard`.
     """
 
     def __init__(
@@ -266,7 +266,7 @@ class VehicleLoop:
         if cp is None or sampled_ns - due_ns > LARGEST_AGE_NS:
             self.figures.unsampled += is_noted
             return False
-        # The pressures are sent as of the scheduled instant; the age in the frame is the delay of this process.
+        # The frame has the time of the scheduled instant; the age in the frame is the delay of this process.
         frame = self._node.sample(
             np.asarray(cp), enable_request=enable_request, now_ns=due_ns, age_ns=max(0, sampled_ns - due_ns)
         )
@@ -287,7 +287,7 @@ class VehicleLoop:
         age_ns = max(0, self._now_ns() - due_ns)
         speed = self._node.speed_frame(now_ns=due_ns, age_ns=age_ns) if age_ns <= LARGEST_AGE_NS else None
         if speed is not None:
-            with suppress(BusError):  # frames that the bus refuses are counted for pressures only
+            with suppress(BusError):  # only refused Pressure frames are counted
                 self._send(speed)
         return True
 

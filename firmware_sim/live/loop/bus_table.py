@@ -19,7 +19,7 @@ ROWS: Final = 64
 _UNKNOWN: Final = "unknown"
 """Name shown for a message that is not in the message set of the bus."""
 _BABBLER: Final = "babbler"
-"""Sender shown for a message that is not ours but leaves a node's port: the port's babbling fault sends it."""
+"""Sender shown for a message that a node's port sends but the node's software does not (a babbling fault)."""
 _NS: Final = 10**9
 
 

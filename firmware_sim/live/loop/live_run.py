@@ -93,7 +93,7 @@ class ControlRequest:
 
 
 class DragMeans:
-    """The mean drag in one run of the loop, from the latest samples, one for each `control_period` (in t_c).
+    """The mean drag in one run of the loop, from its latest samples, which are `control_period` (in t_c) apart.
 
     Attributes:
         uncontrolled: mean Cd over the whole shedding cycles before the first request; None without a whole cycle.
@@ -123,7 +123,7 @@ class DragMeans:
         needed = int(1.0 / (self._frequency * self._period)) + 3
         latest = np.array([self._samples[at] for at in range(-min(needed, len(self._samples)), 0)], dtype=float)
         try:
-            # The stored samples span less than two shedding cycles, so the average is over one cycle.
+            # These samples span less than two shedding cycles, so the average is over one cycle.
             self.now = float(over_last_cycles(latest[:, 0], self._frequency).mean(latest[:, 1]))
         except PlantError:
             self.now = None

@@ -10,7 +10,7 @@ one answer to each request.
                           (by a viewer), "state" (of the ECU), "vehicle", "bus" or "loop"
     settings              `settings`, a `LiveSettings`; this message is sent after every change
     loop                  `state` of the loop's process: starting, running, busy (for some seconds) or ended; `text`:
-                          one line about the present work, or on why the process ended; a viewer gets it first
+                          one line about the present work or the process's end; a viewer gets this message first
 
 A viewer needs only the latest `loop`, `hello`, `now`, `bus`, `settings` and picture, but all `periods` and `events`. At
 `hello` a viewer discards all earlier data: they belong to another run, or are sent again. NaN and infinity are null.

@@ -68,7 +68,7 @@ class _Item:
 
 class SwitchedDisturbances:
     """The disturbances of one run of the loop; an implementation of `firmware_sim.bench.simulation.Disturbs`. `read`
-    has the latest readings of the S sensors, shape (S,); NaN before the first."""
+    has the latest readings of the S sensors, shape (S,); NaN before the first reading."""
 
     corrupts = mishears = None  # no setting of a viewer causes bit errors on the bus
 
@@ -124,7 +124,7 @@ class SwitchedDisturbances:
         return bool(new)
 
     def period_over(self, k: int) -> None:
-        """Remove the items that ended `LINGER_S` or more before the end of period k; they delay no frames any more."""
+        """Remove the items that ended `LINGER_S` or more before the end of period k; these delay no frames now."""
         linger = round(LINGER_S * NS / self._config.period_ns)
         for item in [one for one in self._lingering if one.end + linger <= k + 1]:
             self._lingering.remove(item)

@@ -1,8 +1,8 @@
 """The server's request handlers: the page and its files, the two sockets, and the check of access.
 
 Any web page can make a browser send requests to a server on this machine. Two checks refuse the requests of pages from
-other servers. A request's Origin, if any, must be the same server as its Host. On loopback, where no token protects the
-page, the Host must be loopback too, because a foreign host name may resolve to this machine (DNS rebinding).
+other servers. A request's Origin, if any, must name the same server as its Host. On loopback, where no token protects
+the page, the Host must be loopback too, because a foreign host name may resolve to this machine (DNS rebinding).
 """
 
 import asyncio
@@ -40,7 +40,7 @@ class PageAccess:
         return cls(token=None if is_loopback(address) else token_urlsafe(TOKEN_BYTES))
 
     def refusal(self, *, host: str, origin: str | None, token: str | None) -> str | None:
-        """Return why a request is refused, or None. `origin` is None if the request has no Origin header."""
+        """Return why a request is refused; None if it is not. `origin` is None if the request has no Origin header."""
         if self.token is None and not is_loopback(_name(host)):
             return "this server answers only to localhost"
         if origin is not None and origin.lower().partition("://")[2] != host.lower():
@@ -225,7 +225,7 @@ class Socket(Guarded, WebSocketHandler):
 
 
 class StreamSocket(Socket):
-    """The stream of messages to a viewer. Each message gets the newest data after the previous one was accepted."""
+    """The stream of messages to a viewer. When a message has been accepted, the newest data become the next message."""
 
     _sending: "asyncio.Task[None] | None" = None
 

@@ -37,7 +37,7 @@ def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
     The process sends pairs: ("messages", list), ("answer", (number, Answer)) and, as the last pair, ("ended", error).
     It receives pairs of a number and a request as JSON. With `fast` a period may take less time than on a vehicle.
     """
-    # `os._exit` ends the process at once. An exception might not: within a callback, Python only prints exceptions.
+    # `os._exit` ends the process at once. An exception might be raised in a callback, where Python only prints it.
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
     # `started` blocked SIGTERM and SIGINT (Ctrl-C). SIGINT stays blocked, because the server ends this process.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM,))

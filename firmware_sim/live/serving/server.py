@@ -136,11 +136,11 @@ def _bound(address: str, port: int) -> list[socket.socket]:
     try:
         return bind_sockets(port, address)
     except ValueError as error:
-        raise StillwakeError(f"--host {address}: not the name of a machine") from error
+        raise StillwakeError(f"--host {address} is not the name of a machine") from error
     except OSError as error:
         why = error.strerror or str(error)
         if error.errno == errno.EADDRINUSE:
             why = "it is in use, perhaps by another `stillwake live`; name another --port, or 0 for a free port"
         elif isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
-            raise StillwakeError(f"--host {address}: not an address of this machine: {why}") from error
-        raise StillwakeError(f"--port {port} at {address}: {why}") from error
+            raise StillwakeError(f"--host {address} is not an address of this machine: {why}") from error
+        raise StillwakeError(f"cannot use --port {port} at {address}: {why}") from error

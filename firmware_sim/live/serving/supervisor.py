@@ -18,7 +18,7 @@ PICTURE: Final = "picture"
 STREAMS: Final = ("loop", "hello", "settings", "events", "periods", "now", "bus", PICTURE)
 """The order in which a viewer gets the streams; `hello` states the run to which the later streams belong."""
 MOST_ROWS: Final = 500
-"""Largest number of periods, or of events, in one message, because a new viewer has to wait for a long message."""
+"""Largest number of periods, or of events, in one message. A longer message would keep a new viewer waiting."""
 _KEPT: Final = {"events": 500, "periods": KEPT_PERIODS}
 """Largest number of stored items of these two streams. Of every other stream only the newest message is stored."""
 
@@ -35,7 +35,7 @@ class Hub:
             self._keep(message)
 
     def after(self, stream: str, count: int) -> tuple[LiveMessage | bytes | None, int]:
-        """Return what a stream got after its first `count` items, or None, and the count for the next call."""
+        """Return what a stream received after its first `count` items (or None), and the count for the next call."""
         items, count = self._streams[stream].after(count, MOST_ROWS)
         if not items:
             return None, count
@@ -69,8 +69,8 @@ class Viewer:
         self._counts = dict.fromkeys(STREAMS, 0)
 
     def take(self, stream: str) -> LiveMessage | bytes | None:
-        """Return what this viewer has not yet received of a stream, or None: the newest message or, of periods and
-        events, the oldest that the hub still has, at most `MOST_ROWS`."""
+        """Return new content of a stream for this viewer, or None: the newest message or, for periods and events, up to
+        `MOST_ROWS` of the oldest items that the hub still stores and the viewer has not received."""
         message, self._counts[stream] = self._hub.after(stream, self._counts[stream])
         if stream == "hello" and message is not None:
             # A page discards its data at a `hello`, so the stored data of the streams after `hello` are sent again.

@@ -108,7 +108,7 @@ class Board(EmulatedCore):
         self._execute("firmware", self._at, 0xFFFF_FFFE, _LONGEST_US)
         self._at = int(self._core.reg_read(arm_const.UC_ARM_REG_PC))
         if self._core.mem_read(self._at - 2, 2) != b"\x30\xbf":
-            raise McuError(f"the core does not sleep: after {_LONGEST_US // 10**6} s it is at {self._at:#x}")
+            raise McuError(f"the core did not sleep within {_LONGEST_US // 10**6} s; it is at {self._at:#x}")
 
     def _execute(self, what: str, start: int, end: int, longest_us: int = 0) -> None:
         try:
@@ -188,7 +188,7 @@ class Board(EmulatedCore):
         self._bad_pages = set(self._bad_wanted)
 
     def _protect(self, rights: int) -> None:
-        """Set the core's access rights to the readable pages of the bank."""
+        """Set the core's rights of access to those pages of the bank that have no unreadable words."""
         if rights != self._rights:
             self._rights = rights
             for page in range(BANK, BANK + BANK_BYTES, _PAGE):
@@ -213,5 +213,5 @@ class Board(EmulatedCore):
 def _whole(offset: int, size: int) -> int:
     """Return the offset of a register; raises McuError unless the access covers exactly one register."""
     if size != 4 or offset % 4:
-        raise McuError(f"a register is accessed with {size} bytes at {offset:#x}: must be 4 aligned bytes")
+        raise McuError(f"a register is accessed with {size} bytes at {offset:#x}; an access must be 4 aligned bytes")
     return offset

@@ -34,7 +34,7 @@ class BoardEcu(CEcuState):
 
     Args:
         sources: result of `ecu.in_c.c_ecu.ecu_sources`.
-        bank, now_ns, times: see `Board`.
+        bank, now_ns: see `Board`; times: durations of flash operations.
         own: files that replace the board's files (`compile_board`).
         firmware: firmware compiled earlier from these sources.
         secret: key of the bus, as written into a board at production; None without `bus.key`.
@@ -172,7 +172,7 @@ class BoardEcu(CEcuState):
 
 
 LONGEST_UNSEEN_NS: Final = 20_000_000
-"""Longest advance in ns between two reads of the bus. If emulating it takes longer, the board's time falls behind."""
+"""Longest advance in ns between two reads of the bus. If its emulation takes longer, the board's time falls behind."""
 
 
 def read_bank(path: Path) -> FlashBank:

@@ -152,7 +152,7 @@ class CanController:
             self._interrupts &= ~value
         elif offset == _RXF0A:
             if self._level == 0 or value != self._get:
-                raise McuError(f"CAN controller: element {value} is acknowledged, but FIFO 0's next is {self._get}")
+                raise McuError(f"CAN controller: element {value} of FIFO 0 is acknowledged before element {self._get}")
             self._get = (self._get + 1) % (self._kept[_RXF0C] >> 16 & 127)
             self._level -= 1
         elif offset == _TXBAR:

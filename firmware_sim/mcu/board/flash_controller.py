@@ -30,7 +30,7 @@ _KEYS: Final = (0x4567_0123, 0xCDEF_89AB)
 _LOCK, _PG, _SER, _START = 1, 2, 4, 1 << 7
 _BSY, _WBNE, _QW = 1, 2, 4
 _LOOK_NS: Final = 5_000
-"""Time in ns by which a read of SR2 advances the clock during an operation; it is long, so that polling is quick."""
+"""Time in ns by which a read of SR2 advances the clock during an operation; it is long, so few reads are needed."""
 _PGSERR, _STRBERR, _INCERR, _DBECCERR = (1 << bit for bit in (18, 19, 21, 26))
 _ERRORS: Final = 0x0FFF_0000
 
@@ -120,7 +120,7 @@ class FlashController:
         """Write a register. Raises PowerCut if the supply fails; McuError if the write is not modelled."""
         if offset == 0x04:
             right = self._keys < len(_KEYS) and value == _KEYS[self._keys]
-            # A wrong key locks the register until the next reset.
+            # A wrong key locks CR2 until the next reset.
             self._keys = self._keys + 1 if right else len(_KEYS) + 1
             self._control &= ~_LOCK if self._keys == len(_KEYS) else ~0
         elif offset == 0x0C:

@@ -73,7 +73,7 @@ def _text(name: str, value: float) -> str:
 
 
 def write_run(path: Path, folder: RunFolder) -> Counter[str]:
-    """Write a finished run as a measurement file. Return the number of frames without channels in the file, by message.
+    """Write a finished run as a measurement file. Return, by message, how many frames have no channels in the file.
     Raises StillwakeError if there is no run, a file of the run is damaged, or the new file cannot be written."""
     log = run_log.load(folder.series)
     return write_measurement(

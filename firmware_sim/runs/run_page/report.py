@@ -80,7 +80,7 @@ def wake_of(folder: RunFolder, log: RunLog) -> WakeStills | None:
 
 
 def _bus_rows(folder: RunFolder, log: RunLog) -> list[tuple[str, ...]]:
-    """Return a row per identifier of the log; none if it is missing or long. A damaged log raises StillwakeError."""
+    """Return a row per identifier of the log; no row for a missing or long log. A damaged log raises StillwakeError."""
     if log.traffic.frames > _MOST_FRAMES or not folder.frames.is_file():
         return []
     # These imports take a second, because they import all readers of python-can. So they are inside the function.
@@ -172,14 +172,14 @@ class Cell(NamedTuple):
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
-    """Return unique names of the runs, with parent folders if needed. Raises StillwakeError if they are too few, too
-    many or not different."""
+    """Return unique names of the runs, with parent folders if needed. Raises StillwakeError if there are too few or too
+    many runs, or a run is given twice."""
     places = [Path(os.path.realpath(folder)) for folder in folders]
     if not 2 <= len(places) <= _MOST:
-        raise StillwakeError(f"{len(places)} runs: between 2 and {_MOST} can be compared on a page")
+        raise StillwakeError(f"{len(places)} runs cannot be compared on a page; give between 2 and {_MOST} runs")
     for place, folder in zip(places, folders, strict=True):
         if places.count(place) > 1:
-            raise StillwakeError(f"{folder}: given twice; name different runs")
+            raise StillwakeError(f"{folder} is given twice; give different runs")
     depth, names = 1, [place.name for place in places]
     while len(set(names)) < len(names):
         depth += 1

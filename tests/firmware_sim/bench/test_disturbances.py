@@ -70,8 +70,8 @@ def test_each_is_read_from_its_text_and_what_makes_no_sense_or_could_not_act_is_
         ("ecu:disconnect:kind=device_gone", "would end the run with an error"),
         ("noise:level=1@1..", r"'noise:level=1@1\.\.': begins after the end of the run \(1 s\)"),
         ("ecu:drop:probability=1@1..", "begins after the end of the run"),
-        ("dead:sensor=base_1", "base_1 must be a sensor of the bundle: lower_36, base_7, upper_39, base_0"),
-        ("gust:amplitude=0.1,period=5@0..0.4", r"lasts 0\.4 s, must last at least one period of 0\.5 s"),
+        ("dead:sensor=base_1", r"base_1 must be a sensor of the bundle \(lower_36, base_7, upper_39, base_0\)"),
+        ("gust:amplitude=0.1,period=5@0..0.4", r"lasts 0\.4 s; it must last at least one period of 0\.5 s"),
     ):
         with pytest.raises(ConfigError, match=message):
             Disturbances.parse([text]).check(Config(), SENSORS, duration_s=1.0)

@@ -239,7 +239,7 @@ def test_spans_that_are_no_numbers_or_too_short_are_refused_with_the_remedy():
             Spans(**{**usual, **changes})
         Spans(**{**usual, **changes}, averages=False)
     for name in ("lead_in", "controlled"):
-        with pytest.raises(StillwakeError, match=r"= 0\.05: shorter than a control period of"):
+        with pytest.raises(StillwakeError, match=r"= 0\.05: must be at least a control period of"):
             Spans(**{**usual, name: 0.05}, averages=False).periods(0.2)
 
 

@@ -154,7 +154,7 @@ def test_what_cannot_be_measured_is_refused(tmp_path):
     sources, rows = sources_and_rows(random_program(0, model=SMALL, mpc=MpcConfig(horizon=4)), "float32")
     with pytest.raises(McuError, match="at least 6 rows of 5"):
         mcu.measure(sources, rows[:5])
-    with pytest.raises(McuError, match=r"compiling for the microcontroller: .*error"):
+    with pytest.raises(McuError, match=r"compiling for the microcontroller failed: .*error"):
         mcu.measure(sources | {"sw_cost.c": b"#error broken\n"}, rows)
     for image, reason in [(b"import this", "Magic number"), (b"\x7fELF\x02\x01\x01", "expected")]:
         with pytest.raises(McuError, match=f"not a 32-bit little-endian ELF file: .*{reason}"):

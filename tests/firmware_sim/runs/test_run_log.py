@@ -58,7 +58,7 @@ def test_another_run_is_replaced_only_when_asked_and_a_file_is_no_folder(tmp_pat
         RunFolder(folder).check_free(overwrite=True)
         with pytest.raises(StillwakeError, match=rf"cannot write .*{name}: it is a file"):
             RunFolder(folder / name).check_free(overwrite=True)
-        with pytest.raises(StillwakeError, match="holds files that no run wrote; name another folder"):
+        with pytest.raises(StillwakeError, match="holds files that no run wrote; give another folder"):
             RunFolder(tmp_path).check_free(overwrite=True)
 
 

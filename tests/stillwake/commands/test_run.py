@@ -122,7 +122,7 @@ def test_what_cannot_be_reported_is_refused(all_refused, tmp_path):
         "a b --output x.html --output x.csv": "--output x.csv: must be one .html file",
         "a b --output x.html": "a/series.npz: not the series of a run",
         "a a/../a --output x.html": "given twice",
-        "a b c d e f g --output x.html": "7 runs: between 2 and 6 can be compared on a page",
+        "a b c d e f g --output x.html": "7 runs cannot be compared on a page; give between 2 and 6 runs",
         "a --output a/vorticity_controlled.png": "is one of the run's own pictures; give another name",
         "a --output x.xyz": "--output x.xyz: must end in .html, .csv, .png, .pdf, .svg, .mf4, .mcap",
         "a --output x.mf4": "a/series.npz: not the series of a run",

@@ -21,7 +21,7 @@ def test_what_cannot_be_is_one_line(all_refused) -> None:
             "--state x.npz": "--state x.npz: needs --plant wake: a recording cannot be changed",
             "--drive ramps": "--drive ramps: needs --plant wake: a recording cannot be changed",
             "--lead-in inf": "--lead-in inf: must be a number of t_c",
-            "--episode sine": "episode 'sine': the data set has ",
+            "--episode sine": "the data set has no episode 'sine', only ",
             "--dataset none.h5": "none.h5: no such dataset",
             "--bundle none": "none",
             "--freshness x.json": "--freshness x.json: needs a key, but bus.key is empty",

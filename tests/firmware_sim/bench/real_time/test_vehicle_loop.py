@@ -271,5 +271,5 @@ def test_rows_come_one_a_period_and_begin_again_whatever_the_jets_do() -> None:
     # Nor a forced one, where the jets were at rest in another.
     forced = replace(recorded.episodes[1], series={**recorded.episodes[1].series, "action": np.ones(4)})
     assert Replay(Dataset(episodes=(forced, episode("none", "train", 4, 300.0)))).sampled()[0] == 300.0
-    with pytest.raises(DatasetError, match="episode 'chirp': the data set has round, sine"):
+    with pytest.raises(DatasetError, match="the data set has no episode 'chirp', only round, sine"):
         Replay(recorded, "chirp")
