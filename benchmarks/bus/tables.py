@@ -45,9 +45,9 @@ def bus(found: Any, studies: Any) -> str:
     rows = [(text, figures[name]) for name, text in HEADLINES.items()]
     played, version = figures["response_time"], studies["facts"]["versions"]["stillwake"]
     return (
-        f"{table(('measured', 'figure'), rows)}\n\nMeasured on {found['date']}; codec, bits, random frames and "
+        f"{table(('measured', 'figure'), rows)}\n\nMeasured on {found['date']}; codec, flipped bits, random frames and "
         f"response times with {version}: {played['message_sets']} random\nmessage sets, {played['frames']} frames; "
-        f"with random phases at most {100 * played['largest_ratio']:.0f} % of the bound."
+        f"with random phases the times reached at most {100 * played['largest_ratio']:.0f} % of the bound."
     )
 
 
@@ -127,7 +127,7 @@ def _load(result: Any) -> str:
 
 
 def latency(found: Any) -> str:
-    """Return the table of the stages and of the idle loop, with the verdicts below it."""
+    """Return the table of the stages and of the idle loop, with the numbers of late commands below the table."""
     runs = [found["figures"][name] for name in CONTROLLERS]
     rows = [
         (LABELS[stage], *(cell for run in runs for cell in _cells(run["stages"][stage], _misses(run, stage))))
@@ -136,9 +136,9 @@ def latency(found: Any) -> str:
     baselines = [run["baseline"] for run in runs]
     rows.append(("idle loop in the same run", *(cell for row in baselines for cell in _cells(row, row["misses"]))))
     lines = [
-        f"{label}: {run['misses']} of {run['periods']} commands missed their boundary; {run['periods_planned']} "
-        f"periods had a plan. In {run['baseline']['misses']} periods the idle loop was late by the slack of "
-        f"{run['slack_ms']:.1f} ms or more.\n"
+        f"{label}: {run['misses']} of {run['periods']} commands were late; {run['periods_planned']} "
+        f"periods had a plan. In {run['baseline']['misses']} periods the idle loop was late by at least the slack of "
+        f"{run['slack_ms']:.1f} ms.\n"
         for label, run in zip(CONTROLLERS.values(), runs, strict=True)
     ]
     release = runs[0]["about"].split()[0]

@@ -36,7 +36,7 @@ def latency(found: Any) -> str:
     return f"""{table(heads, rows)}
 
 The C library, compiled with `{facts["settings"]["c_flags"]}` by
-{facts["versions"]["c_compiler"]}, needs a workspace of {workspace} (int8)."""
+{facts["versions"]["c_compiler"]}, needs a workspace of {workspace} (float32 and int8)."""
 
 
 def mcu(found: Any) -> str:
@@ -79,9 +79,9 @@ def mcu_release(found: Any) -> str:
     rows += [
         ("instructions of the longest period", f"{row['instructions']:,}"),
         ("flash: code, weights, tables", f"{row['flash_bytes'] / 1024:.1f} KiB"),
-        ("RAM: state, workspace, hot weights, received frames, stack", ram),
+        ("RAM: state, workspace, weights of the dynamics, received frames, stack", ram),
         ("deepest stack", f"{row['stack_b']} B"),
-        ("difference in instructions between the longest and the shortest period, own goal", spread),
+        ("difference in instructions between the longest and the shortest period, the release's goal", spread),
         (
             f"control step alone, over {step['windows']:,} recorded and random windows",
             f"{step['fewest']:,} to {step['most']:,} instructions; {alike}",
@@ -125,9 +125,9 @@ def bounds(found: Any) -> str:
         ("functions; functions called through pointers", f"{row['functions']}; {row['pointed_at']}"),
         ("recursions", 0),
         ("loops: bounded by GCC's proof, bounded by a stated reason, waiting for hardware", loops),
-        ("deepest stack by analysis, an exception included", f"{row['stack_b']:,} B"),
+        ("deepest stack by analysis, including an exception", f"{row['stack_b']:,} B"),
         ("stack without loader and key: by analysis, on the emulated board", stack),
-        ("this firmware built by GCC, at 480 MHz: longest period, bound", times),
+        ("without loader and key, at 480 MHz: longest period, bound", times),
     ]
     return table(("fullest firmware: loader, diagnosis, calibration, key of the bus", found["facts"]["compiler"]), rows)
 

@@ -81,12 +81,12 @@ def models(found: Any) -> str:
         ("cuts of the supply", None, flashing["cuts"]),
         ("cuts during a recovery", None, flashing["second_cuts"]),
         ("power-ons", None, flashing["boots"]),
-        ("states from which operation continues", fail_safe["started"], flashing["recoveries"]),
+        ("checks that control can start, a release can be flashed", fail_safe["started"], flashing["recoveries"]),
         ("planted faults found", *(_found(of["sabotaged"], part) for part in ("fail_safe", "flashing"))),
     ]
     return f"""{table(("", "fail-safe", "flashing"), rows)}
 
-All states were explored, on {found["date"]}."""
+All states were explored on {found["date"]}."""
 
 
 def _found(sabotaged: list[dict[str, str]], part: str) -> str:
@@ -95,7 +95,7 @@ def _found(sabotaged: list[dict[str, str]], part: str) -> str:
 
 
 def loops(found: Any) -> str:
-    """Return the table of the wake under each ECU, and of differences between the emulated core and this machine."""
+    """Return the table of the wake under each ECU, and of differences between the emulated core and the PC."""
     rows = [
         (
             row["kind"],
@@ -112,8 +112,8 @@ def loops(found: Any) -> str:
     states = f"{core['differing_states']} of {core['steps_compared']} states"
     return f"""{table(heads, rows)}
 
-Measured on {found["date"]}. On the emulated core {frames} and {states} differ from those of this machine with
-equal contraction."""
+Measured on {found["date"]}. The ECU on the emulated core and the same C code on the PC, compiled with the same fused
+operations, differ in {frames} and {states}."""
 
 
 def alarms(found: Any) -> str:
@@ -172,7 +172,7 @@ def flash_c(found: Any) -> str:
         "calls": "random calls of the store in both languages",
         "calls_compared": "compared control periods and calls of diagnosis",
         "mismatches": "differences",
-        "fuzz_requests": "hostile requests under sanitisers, without an error",
+        "fuzz_requests": "hostile requests without a sanitiser's error",
         "loader_flash_kib": "flash, KiB (-Os, Cortex-M7)",
         "loader_ram_kib": "RAM of the loader without the stack, KiB",
         "stack_b": "stack of the deepest chain of calls, without drivers, bytes",
@@ -193,7 +193,7 @@ def uds_states(found: Any) -> str:
     where = f"{of['states']} states of diagnosis ({of['services_in_states']} pairs of a state and a service)"
     answers = f"{of['kinds_of_answers']} kinds of answers and {of['mismatches']} differences"
     measured = f"Measured on {found['date']} in {of['builds']} builds."
-    return f"{of['requests']} requests to both ECUs, in {where}, had {answers}. {measured}"
+    return f"{of['requests']} requests to both ECUs, in {where}, gave {answers}. {measured}"
 
 
 def flash_pieces(found: Any) -> str:
@@ -202,6 +202,6 @@ def flash_pieces(found: Any) -> str:
     clocks = next(iter(of.values()))
     rows = [(what, *(f"{ms:.2f}" for ms in at.values())) for what, at in of.items() if max(at.values()) > _LONG_MS]
     release = f"{facts['bundle']} ({facts['digest'][:12]})"
-    return f"""{table(("longest time, modelled, ms", *clocks), rows)}
+    return f"""{table(("longest modelled time, ms", *clocks), rows)}
 
 Measured on {found["date"]}: {release}, control periods of {facts["period_ms"]:g} ms."""

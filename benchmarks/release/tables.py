@@ -36,8 +36,8 @@ def release_forecasts(found: Any) -> str:
     return f"""{table(heads, rows)}
 
 Measured on {found["date"]} with {found["facts"]["bundle"]["name"]}, over the last
-{found["facts"]["controlled"] - found["facts"]["settle"]:g} t_c. Without control, the standard deviation of Cd is
-{sigma["drag"]:.3f}, that of Cl {sigma["lift"]:.3f}."""
+{found["facts"]["controlled"] - found["facts"]["settle"]:g} t_c. Without control, Cd and Cl have standard deviations
+of {sigma["drag"]:.3f} and {sigma["lift"]:.3f}."""
 
 
 def release_distributions(found: Any) -> str:
@@ -154,7 +154,7 @@ def demo(found: Any) -> str:
 
 {table(("", "uncontrolled", "controlled"), rows)}
 
-A control step takes p50/p99/max {latency} ms of {figures["mpc_budget_ms"]:g} ms. Of
+A control step takes {latency} ms (p50/p99/max) of {figures["mpc_budget_ms"]:g} ms. Of
 {figures["frames_sent"]} frames {figures["frames_lost"]} were lost and {figures["frames_rejected"]} rejected."""
 
 
@@ -245,7 +245,7 @@ def release_loop(found: Any) -> str:
 
 
 def campaign(found: Any) -> str:
-    """Return the matrix with a row per scenario."""
+    """Return the table of the campaign, with a row for each scenario."""
     rows = [
         (
             row["name"],
