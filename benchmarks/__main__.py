@@ -31,11 +31,11 @@ class Measurement(NamedTuple):
 
 
 MEASUREMENTS: Final = {
-    "wake-speed": Measurement("controller.wake_speed", "what a time step of the plant costs, and where the time goes"),
+    "wake-speed": Measurement("controller.wake_speed", "computing time of a time step of the plant, and of its parts"),
     "controller": Measurement("controller.latency", "time of a control step: PyTorch, ONNX, C"),
     "runtimes": Measurement("controller.runtimes", "the release's graph in other runtimes of ONNX", "a minute"),
     "weights": Measurement("release.weights", "what a weight of the cost changes, in the closed loop", "minutes"),
-    "iterations": Measurement("release.iterations", "how iterations change the cost, by pairs of runs", "minutes"),
+    "iterations": Measurement("release.iterations", "how iterations change the cost, from pairs of runs", "minutes"),
     "mcu": Measurement("controller.mcu", "memory, instructions and modelled time on an emulated Cortex-M7", "minutes"),
     "bounds": Measurement("controller.bounds", "the firmware's loops, calls and stack, as GCC reports them", "minutes"),
     "release-figures": Measurement(
@@ -43,10 +43,10 @@ MEASUREMENTS: Final = {
     ),
     "sensor-check": Measurement("ecu.sensor_check", "the ECU's sensor check: false alarms and found faults", "minutes"),
     "release-loop": Measurement(
-        "release.release_loop", "the shipped release from five phases of the shedding cycle", "minutes"
+        "release.release_loop", "the shipped release from several phases of the shedding cycle", "minutes"
     ),
     "drive": Measurement("release.drive", "the release at other speeds: steady, drives, a wrong speed", "hours"),
-    "ecu-loop": Measurement("ecu.ecu_loop", "the wake driven by each ECU: Python, C, an emulated Cortex-M7", "minutes"),
+    "ecu-loop": Measurement("ecu.ecu_loop", "the wake under each ECU: Python, C, an emulated Cortex-M7", "minutes"),
 }
 PAGES: Final = {
     "full": Measurement("full", "make the files in results/: all, or only the outdated files", "hours"),

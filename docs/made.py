@@ -1,7 +1,7 @@
 """The generated parts of the pages in `docs/reference`, which only the site contains.
 
-A committed page marks the place of each generated part by `<!-- made NAME -->`, and states the command that prints
-this part.
+A committed page marks the place of each generated part by `<!-- made NAME -->`, and states that only the pages of
+`make docs` have these parts.
 """
 
 import re

@@ -43,7 +43,7 @@ GROUPS: Final = (
 rectangle."""
 UNWANTED, WANTED = "INIT STANDBY ARMED", "WARMUP CONTROL HOLD DECAY"
 CHOICE: Final = (560, 245)
-"""Middle of the diamond. It is no state, but a point where lines from ARMED and from an accepted request branch."""
+"""Middle of the diamond. It is not a state: lines from ARMED and from an accepted request branch there."""
 _FEW: Final = 3
 """Largest number of states that a row lists after "all but"."""
 

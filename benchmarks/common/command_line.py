@@ -31,7 +31,7 @@ bars: Final = make_console(stderr=True)
 """Console for progress bars; its output is not part of the result."""
 
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the figures and their settings here, too.")]
-Parts = Annotated[Path, typer.Option("--parts", help="Folder of finished parts; a stopped run continues.")]
+Parts = Annotated[Path, typer.Option("--parts", help="Folder of finished parts, with which a stopped run continues.")]
 Phases = Annotated[int, typer.Option(min=1, max=25, help="Number of starting phases in a shedding cycle.")]
 Workers = Annotated[int, typer.Option(min=1, max=16, help="Number of processes for the runs.")]
 Release = Annotated[Path, typer.Option(help="Another release in place of the shipped one.")]
@@ -69,8 +69,8 @@ def part(path: Path, make: Callable[[], Any]) -> Any:
 
 
 def made_from(digest: str, *folders: str) -> str:
-    """Return a short hash of a release, of the sources of a closed loop, and of those in further folders. A folder of
-    parts with this name has no parts of other sources."""
+    """Return a short hash of a release, of the sources of a closed loop, and of those in further folders. A folder
+    that is named after this hash has only parts of these sources."""
     everything = hashlib.sha256(digest.encode())
     for path in (path for folder in (*_OF_A_LOOP, *folders) for path in sorted((ROOT / folder).rglob("*"))):
         if path.suffix in (".py", ".c", ".h", ".toml", ".dbc"):

@@ -179,7 +179,7 @@ def _ms(cycles: float) -> dict[str, float]:
 
 
 def _period(ecu: BoardEcu, now_ns: int, period: Period, name: str, most: Most) -> Measured:
-    """Run a control period, and update the largest numbers of each block, `most`."""
+    """Run a control period, and update the largest numbers of each block in `most`."""
     blocks = dict[int, tuple[int, int]]()
 
     def count() -> None:

@@ -3,9 +3,9 @@
     python -m benchmarks ecu-loop [--bundle BUNDLE --library FOLDER] [--json FILE]
 
 Each ECU controls the live wake from the same initial state over the same bus. In the loop with the emulated core, a
-second ECU on this machine gets the same frames at the same times. This second ECU has the same sources and the same
-compiler, and contracts floating-point operations in the same way. After every step, all frames and the whole states of
-both ECUs must be equal bit for bit. The virtual compute time is the core's modelled time in this loop, and
+second ECU on this machine receives the same frames at the same times. This second ECU has the same sources and the same
+compiler, and fuses the same floating-point operations. After every step, all frames and the whole states of
+both ECUs are compared bit for bit. The virtual compute time is the core's modelled time in this loop, and
 `ecu.compute_time_ms` in the loops with the two other ECUs. Finished loops are stored in `runs/ecu_loop`, in a folder
 named after the hash of their inputs, so that an interrupted measurement can be continued.
 """
@@ -48,8 +48,8 @@ from wake.plants import open_plant
 
 ECUS: Final = (MCU, C, "python")
 COMPARED: Final = (*COMMON, "-march=native")
-"""Compiler flags of the ECU that is compared with the emulated core. Floating-point operations are contracted as for
-the core, so this machine must have fused multiply-add."""
+"""Compiler flags of the ECU that is compared with the emulated core. The compiler fuses the same floating-point
+operations as for the core, so this machine must have fused multiply-add."""
 MOST_DIFFERENCES: Final = 10
 """Largest number of differences between two ECUs that are reported in full."""
 _KEPT: Final = (
@@ -129,7 +129,7 @@ def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEc
 
 
 class Lockstep:
-    """A pair of ECUs with the interface of one ECU. `other` gets every call that `driver` gets. The pair returns the
+    """A pair of ECUs with the interface of one ECU. Every call goes to `driver` and to `other`. The pair returns the
     driver's frames, and counts differences between the frames and states of the two ECUs. All other attributes
     belong to the driver.
 

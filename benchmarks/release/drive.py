@@ -47,7 +47,7 @@ class Case(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Name by which a row is selected and under which its runs are stored."""
+        """Name that selects the row; the row's runs are stored under this name."""
         return ", ".join((self.drive, *self.disturbed))
 
 

@@ -4,7 +4,7 @@
 
 Each expert runs in closed loop on the mesh of `stillwake refine`, at its speed, from two phases of the developed wake.
 Then the base's prior is fitted to the experts' actions (`train.refinement.imitation`). At the design speed the prior
-stays the same, and so do the base's networks, sensors, configuration and parts for the goal.
+stays the same. The base's networks, sensors and configuration, and the prior's parts for the goal, never change.
 """
 
 import argparse

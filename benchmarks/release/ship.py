@@ -53,6 +53,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("model", type=Path)
     parser.add_argument("bundle", type=Path)
-    parser.add_argument("--command", required=True, help="what trained the model")
+    parser.add_argument("--command", required=True, help="command that trained the model")
     given = parser.parse_args()
     ship(given.model, given.bundle, command=given.command, on=date.today())

@@ -2,12 +2,12 @@
 
     python -m benchmarks.release.wrong_speeds OUTPUT --model MODEL
 
-The fitted prior gets a speed that is up to 10 % wrong or leaves out a gust, and must act as the original prior acts
-with the right speed. In the first round the original prior runs in closed loop and gets the right speed. The fit uses
-the actions of this run, and its inputs scaled with wrong speeds. In later rounds the fitted prior runs in closed loop
-with wrong speeds. The original prior with the right speed gives the right actions (dataset aggregation: Ross, Gordon
-and Bagnell, 2011). Each fit uses all rounds. With the right design speed the prior stays the same. At the end, the
-estimate of the air speed is fitted to runs of the fitted prior (`train.refinement.air_speed`).
+The fitted prior receives a speed that is up to 10 % wrong or leaves out a gust. It must act as the original prior acts
+with the right speed. In the first round the original prior runs in closed loop with the right speed. The fit uses the
+actions of this run, and the run's inputs scaled with wrong speeds. In later rounds the fitted prior runs in closed loop
+with wrong speeds. The targets are the original prior's actions with the right speed (dataset aggregation: Ross, Gordon
+and Bagnell, 2011). Each fit uses all rounds. At the design speed, if the speed is right, the prior stays the same. At
+last, the estimate of the air speed is fitted to runs of the fitted prior (`train.refinement.air_speed`).
 """
 
 import argparse
@@ -37,10 +37,10 @@ from train.refinement.imitation import Demonstration, demonstration, watch
 
 SPEEDS: Final = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4)
 TOLD: Final = (0.9, 0.95, 1.0, 1.05, 1.1)
-"""Ratios of the told speed to the true speed."""
+"""Ratios of the speed that the prior receives to the true speed."""
 BEST_TOLD: Final = {0.8: 0.95}
-"""The ratio, by true speed, that gives the prior of `truck-wake-14` less drag than the right speed does. From two
-starts, Cd is 0.799 and 0.798 instead of 0.827 and 0.814."""
+"""The ratio, by true speed, with which the prior of `truck-wake-14` causes less drag than with the right speed. From
+two starts, Cd is 0.799 and 0.798 instead of 0.827 and 0.814."""
 GUST: Final = 0.1
 """Amplitude of the gusts in design speeds."""
 GUST_PERIOD: Final = 100
@@ -52,7 +52,7 @@ SEED: Final = 0
 
 
 class Course(NamedTuple):
-    """The true speeds of a run, shape (n + 1,). The priors get these speeds times `told` (n,) or `expert_told`."""
+    """The true speeds of a run, shape (n + 1,). The priors receive these speeds times `told` (n,) or `expert_told`."""
 
     name: str
     speeds: Array
@@ -67,7 +67,7 @@ def steady(speed: float, told: float) -> Course:
 
 
 def gusty(speed: float) -> Course:
-    """Return a course with gusts at a steady speed over the ground; the prior gets the speed without the gusts."""
+    """Return a course with gusts at a steady ground speed; the prior receives the speed without the gusts."""
     course = steady(speed, 1.0)
     gusts = GUST * np.sin(2.0 * np.pi * np.arange(len(course.speeds)) / GUST_PERIOD)
     speeds = course.speeds + gusts
@@ -77,7 +77,7 @@ def gusty(speed: float) -> Course:
 def demonstrations_of(
     run: tuple[Course, Sequence[Array]], *, model: TrainedModel, prior: Mapping[str, Array] | None, start: int
 ) -> list[Demonstration]:
-    """Run a course. Return the actions that the model's prior, told `expert_told`, would choose in the course's states.
+    """Run a course. Return the actions of the model's prior in the course's states with the speed times `expert_told`.
 
     Args:
         run: the course, and for each demonstration the factors `told` of its input.
@@ -100,7 +100,7 @@ def demonstrations_of(
 
 
 def withstand(model: TrainedModel, *, rounds: int = ROUNDS, workers: int = 2) -> TrainedModel:
-    """Return the model with a prior that withstands wrong speeds. Raises PlantError if the flow diverges."""
+    """Return the model with a prior that tolerates wrong speeds. Raises PlantError if the flow diverges."""
     student, goal = feedback_of(model, model), Goal.of(model.config.mpc.weights)
     courses = [*(steady(speed, told) for speed in SPEEDS for told in TOLD), *map(gusty, SPEEDS[1:-1])]
     right = [(steady(speed, 1.0), [steady(speed, told).told for told in TOLD]) for speed in SPEEDS]

@@ -44,7 +44,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.powerOn();
     }
 
-    /** Throws an Error if this machine does not compute as exactly as the ECU's decisions need. */
+    /** Throws an Error if this machine does not compute as the ECU requires. */
     powerOn() {
       const refused = this.code.sw_ecu_init(this.ecu);
       if (refused !== this.facts.none) throw new Error(`the ECU refuses to run: ${this.facts.reasons[refused]}`);
