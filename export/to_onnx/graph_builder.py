@@ -1,4 +1,4 @@
-"""A small writer of ONNX graphs: it adds nodes by operator name, shares constants, and lets Scans read outer values.
+"""A small writer of ONNX graphs: it adds nodes by operator name, shares constants, and lets Scans read outside values.
 
 Matrices that are derived from a weight matrix (transposed, centred) are computed in the outermost graph, never inside a
 Scan. For float weights ONNX Runtime folds these nodes when the session is built; for int8 weights the nodes run once
@@ -52,7 +52,7 @@ class Graph:
         self._outputs.append(helper.make_tensor_value_info(name or value, TensorProto.FLOAT, shape))
 
     def constant(self, values: npt.ArrayLike, name: str = "const") -> str:
-        """Add a float32 constant. Raises ExportError if a value has no finite float32."""
+        """Add a float32 constant. Raises ExportError if a value is not finite in float32."""
         return self._root._store(name, as_float32(values, name))
 
     def index(self, values: Sequence[int]) -> str:

@@ -132,7 +132,7 @@ def export(
     if files.in_c:
         files.check_in_c(config)
     if (fmu, image, for_testers) != (None, None, None):
-        # These files contain or describe the ECU, so the ECU must be able to run the model; --c also works without.
+        # These files contain or describe the ECU, which must be able to run the model; --c can also omit the ECU.
         from ecu.fit import check_ecu
 
         sensors = len(model_folder.read(model).description.sensors)
