@@ -185,7 +185,7 @@ def export_library(
     if trained.weights_sha256 != manifest.weights_sha256:
         raise ExportError(
             f"bundle {manifest.name} was made from the model {manifest.weights_sha256[:12]}, but {model} is "
-            f"{trained.weights_sha256[:12]}: give the model of the bundle"
+            f"the model {trained.weights_sha256[:12]}: give the model of the bundle"
         )
     about = trained.description
     episodes = _recording_of(recording, about.dataset_sha256, about.layout, False, lambda line: None)

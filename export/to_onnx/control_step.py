@@ -195,7 +195,7 @@ class Cost:
         """Add the nodes for the parts of the gradient that depend only on the weights, the previous action and the
         plan p from which the optimiser starts. These nodes run once per control step.
 
-        The terms in the plan a are quadratic. With D a the increments of a, and e_0 a unit vector, their gradient is Q a - q,
+        The terms in the plan a are quadratic. With increments D a and the unit vector e_0, their gradient is Q a - q,
 
             Q = 2 w_smoothness D^T D / (H - 1) + 2 (w_effort + w_prior) I / H + 2 w_rate e_0 e_0^T,
             q = 2 w_rate a_{-1} e_0 + 2 w_prior p / H.

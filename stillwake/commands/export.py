@@ -274,7 +274,7 @@ def _print_remarks(done: "Gated", config: Config) -> None:
     count = len(done.lowered.effective.sensors)
     if count != SENSORS:
         console.print(
-            f"{count} sensors: this ECU needs the {SENSORS} of its Pressure message (train.sensors={SENSORS}); "
+            f"the model has {count} sensors, but this ECU needs the {SENSORS} of Pressure (train.sensors={SENSORS}); "
             f"the control step in C and the ONNX graph work with any number"
         )
 

@@ -171,7 +171,7 @@ def test_a_reduction_that_is_not_reached_ends_with_status_4(run_metadata, capsys
     with pytest.raises(typer.Exit) as ended:
         exit_with(log, 20.1)
     assert ended.value.exit_code == 4
-    assert "--require-reduction 20.1: not reached, it is 20.00 %" in capsys.readouterr().out
+    assert "--require-reduction 20.1: not reached, the reduction is 20.00 %" in capsys.readouterr().out
     with pytest.raises(typer.Exit) as ended:
         exit_with(shedding_log(run_metadata, modes={3: Mode.FAULT}, reasons={3: Reason.DEADLINE}), None)
     assert ended.value.exit_code == 3

@@ -58,7 +58,7 @@ typedef struct sw_weights {
     SW_ALIGNED float adam_unbias[SW_ITERATIONS];
     SW_ALIGNED float adam_epsilon;
     SW_ALIGNED float default_weights[SW_TERMS];
-    SW_ALIGNED float known_answer[2]; /* first action and cost in sw_known_answer.c; zeros if unknown */
+    SW_ALIGNED float known_answer[2]; /* expected action and cost in sw_known_answer.c; zeros if unknown */
     SW_PRIOR_NUMBERS
 } sw_weights;
 
