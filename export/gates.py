@@ -43,9 +43,9 @@ COST: Final = 1e-4
 
 QUANTISATION_LIMITS: Final[Mapping[str, float]] = {"rms_action_error": 1e-3, "max_cost_gap": 1e-3}
 """Limits for two results of `compare_answers` with int8 weights. The rms error of the commanded action a_t, in U_inf W,
-may be a fifth of the largest move in a control step, which is iterations * learning rate: 5e-3 with the paper's
-settings. The error of a single action has no limit: if a gradient is close to zero, Adam may move an action in opposite
-directions in the two programs, but the cost hardly changes. The cost gap, an increase of J, is in Cd."""
+may be a fifth of the largest move of an action in a control step (iterations * learning rate, 5e-3 with the paper's
+settings). The error of a single action has no limit: if a gradient is close to zero, Adam may move an action in
+opposite directions in the two programs, but the cost hardly changes. The cost gap is the increase of J, as a Cd."""
 
 Figures = dict[str, float]
 """The results of a gate by name. "cases" is the number of control steps."""

@@ -116,7 +116,7 @@ def rounded_to_nearest(program: ControllerProgram) -> RoundedProgram:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RoundedEstimator:
-    """The sensor estimator of a bundle, with the dequantised weights, and the integers of each layer."""
+    """The sensor estimator of a bundle: its network with the dequantised weights, and the integers of each layer."""
 
     network: EstimatorNetwork
     matrices: Sequence[Int8Matrix]
