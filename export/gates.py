@@ -1,4 +1,4 @@
-"""The checks (gates) that a lowering, an ONNX graph or a C library, must pass before anything is written.
+"""The checks (gates) that a lowering (an ONNX graph or a C library) must pass before any file is written.
 
 The first gate computes the same control steps with the reference and with the lowering, and limits the differences.
 float32 has about 7 digits, and a roll-out of 25 steps with layer norms raises rounding errors to about 1e-6 in a force
@@ -7,7 +7,7 @@ agree to 1e-7. But if a component of the gradient is near Adam's epsilon, or the
 kink of |Cl| or max Cd, the moves differ by a part of the learning rate.
 
 The second gate limits the differences that int8 weights cause in actions and in cost. The program with float weights
-and the lowering get equal windows and previous plans. The float program's model computes the cost of both plans.
+and the lowering use the same windows and previous plans. The float program's model computes the cost of both plans.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -30,30 +30,30 @@ on the speed."""
 LIMITS: Final = (1.0, 0.8, 0.3, 1.2, 0.55)
 """Bounds on the action's magnitude |a|, as fractions of the controller's bound; used in turn in the test cases."""
 BEYOND: Final = 100.0
-"""Factor on the weights of effort and lift in every fourth test case. With this factor the goal is outside the prior's
-training range."""
+"""Factor by which every fourth test case multiplies the weights of effort and lift. The weights are then outside the
+range for which the prior was trained."""
 MOVE: Final = 5e-3
 """Largest allowed difference of an action, as a fraction of Adam's largest move (iterations * learning rate). With the
 paper's settings, this difference is 2.5e-5 U_inf W."""
 FORCE: Final = 1e-4
-"""Largest allowed difference of a predicted Cd or Cl, relative to the largest predicted force if this exceeds 1."""
+"""Largest allowed difference of a predicted Cd or Cl, divided by the largest force, or by 1 if 1 is larger."""
 COST: Final = 1e-4
-"""Largest allowed difference of a cost term or of the cost J, relative to the largest term or to J if it exceeds 1."""
+"""Largest allowed difference of a cost term or the cost J, divided by the largest term or J, or by 1 if 1 is larger."""
 
 
 QUANTISATION_LIMITS: Final[Mapping[str, float]] = {"rms_action_error": 1e-3, "max_cost_gap": 1e-3}
 """Limits for two results of `compare_answers` with int8 weights. The rms error of the commanded action a_t, in U_inf W,
-may be a fifth of the largest move in a control step, which is iterations * learning rate: 5e-3 with the paper's
-settings. The error of a single action has no limit: if a gradient is close to zero, Adam may move an action in opposite
-directions in the two programs, but the cost hardly changes. The cost gap, an increase of J, is in Cd."""
+may be a fifth of the largest move of an action in a control step (iterations * learning rate, 5e-3 with the paper's
+settings). The error of a single action has no limit: if a gradient is close to zero, Adam may move an action in
+opposite directions in the two programs, but the cost hardly changes. The cost gap is the increase of J, as a Cd."""
 
 Figures = dict[str, float]
 """The results of a gate by name. "cases" is the number of control steps."""
 
 
 class ControlCase(NamedTuple):
-    """The arguments of `Controller.control_step` in order. All are representable in float32, so that reference and
-    lowering get equal numbers."""
+    """The arguments of `Controller.control_step` in order. All are representable in float32, so that the reference
+    and the lowering use the same numbers."""
 
     window: Array
     plan: Array
@@ -167,7 +167,7 @@ def compare_answers(
         gaps.append(float((priced.terms - exact.terms) @ weights))
         plan = exact.plan
     if not errors:
-        raise ExportError("quantisation gate: no windows to compare with")
+        raise ExportError("quantisation gate: there are no windows for the comparison")
     error = np.array(errors)
     return {
         "cases": len(errors),

@@ -1,12 +1,12 @@
 """The rounding of weights to integers. Weights are rounded once, so that all int8 lowerings have equal integers. The
 reference uses the program with dequantised weights. The manifest and the C header state the hash of this program.
 
-Weights are symmetric int8 with one scale per output row; biases and norms remain float, in ONNX also the arithmetic. A
+Weights are symmetric int8 with one scale per output row. Biases and norms remain float; ONNX also computes in float. A
 weight W[r, c] becomes scale[r] * q[r, c] with an integer q in -127 .. 127 and scale[r] = max_c |W[r, c]| / 127. With
 int8 the ONNX file is a quarter as large; on x86 the control step is not faster. The sensor estimator's weights are
 rounded to the nearest integers, with the same scales.
 
-A program is rounded with error feedback (`quantise_on`), which needs inputs of every layer. They are computed from
+A program is rounded with error feedback (`quantise_on`), which needs inputs of every layer. These inputs come from
 recorded windows: the encoder runs over the windows. Dynamics and decoder run over roll-outs from every window's latent
 state with a few plans: zero, full amplitude in either direction, random plans, and random walks that resemble an
 optimised plan. The integer scales of an int8 lowering's activations follow from the largest magnitudes in these inputs.
@@ -116,7 +116,7 @@ def rounded_to_nearest(program: ControllerProgram) -> RoundedProgram:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RoundedEstimator:
-    """The sensor estimator of a bundle, with the dequantised weights, and the integers of each layer."""
+    """The sensor estimator of a bundle: its network with the dequantised weights, and the integers of each layer."""
 
     network: EstimatorNetwork
     matrices: Sequence[Int8Matrix]
@@ -174,12 +174,12 @@ def activation_ranges(program: ControllerProgram, windows: Sequence[Array]) -> d
 
 
 def layer_inputs(program: ControllerProgram, windows: Sequence[Array]) -> dict[str, Array]:
-    """Return the inputs of each layer, one input per row, by the matrix's name (`export.program.controller_program`).
+    """Return each layer's inputs, one input vector per row, by its matrix's name (`export.program.controller_program`).
     "decoder.blocks.0.elu" and so on are the outputs of the ELUs in the decoder's blocks. The rows of dynamics and
     decoder cover all steps of all roll-outs. `windows` are (L, S+1) of L rows and S sensors. Raises ExportError if
     there are no windows."""
     if not windows:
-        raise ExportError("int8 calibration: no windows to measure activations with")
+        raise ExportError("int8 calibration: there are no windows from which to measure activations")
     encoder = encoder_layers(program, np.array(windows))
     plans = _plans(program, np.random.default_rng(0))
     # Every latent state is combined with every plan; the rows of one time step are adjacent.

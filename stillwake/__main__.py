@@ -111,7 +111,7 @@ def main() -> None:
     """Run the `stillwake` command."""
     ends_like_ctrl_c()
     for stream in (sys.stdout, sys.stderr):
-        # Output must not end a command with an error if the terminal lacks a character, or if a file name is not UTF-8.
+        # A character that the terminal lacks, or a file name that is not UTF-8, must not make a command fail.
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
 

@@ -1,9 +1,9 @@
-"""The controller program, all the data for a lowering (an ONNX graph or a C library), and windows to test a lowering.
+"""The controller program, which has all data for a lowering (an ONNX graph or a C library), and windows for tests.
 
 Rounding and lowerings refer to the weight matrices by the names of their tensors, such as `lstm.weight_input`,
-`dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. The prior is small, so only its two matrices for filtered
-rows have names: `prior.first` (6 n, F (p + 1)), with one row per schedule variable and unit, and `prior.sums` (n, F p),
-for n units, F filters and p sensor pairs. All lowerings of a program state the same hash, which identifies the program.
+`dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. The prior is small; only its two matrices for filtered rows
+are rounded and have names: `prior.first` (6 n, F (p + 1)), with one row per schedule variable and unit, and
+`prior.sums` (n, F p), for n units, F filters and p sensor pairs. All lowerings of a program state the program's hash.
 """
 
 import hashlib
@@ -57,17 +57,17 @@ class ControllerProgram:
         _check_scaling(self.scaling)
         for other, latent in (("dynamics", self.dynamics.latent), ("decoder", self.decoder.latent)):
             if latent != self.encoder.latent:
-                raise ExportError(f"{other}: latent size {latent}, but the encoder has {self.encoder.latent}")
+                raise ExportError(f"{other}: the latent size is {latent}, but the encoder's is {self.encoder.latent}")
         if self.encoder.inputs != len(self.sensors) + 1:
             raise ExportError(
-                f"encoder.lstm.weight_ih_l0: {self.encoder.inputs} inputs, must be {len(self.sensors) + 1} "
+                f"encoder.lstm.weight_ih_l0: has {self.encoder.inputs} inputs, but must have {len(self.sensors) + 1} "
                 f"(the sensors and the action)"
             )
         if self.prior is not None and self.prior.memory < 2:
-            raise ExportError(f"prior.filters: a memory of {self.prior.memory} rows, must be at least 2")
+            raise ExportError(f"prior.filters: has {self.prior.memory} rows, but must have at least 2")
         if self.prior is not None and 2 * self.prior.pairs != len(self.sensors):
             raise ExportError(
-                f"prior.first: {self.prior.pairs} differences, must be {len(self.sensors)} / 2 (one per sensor pair)"
+                f"prior.first: has {self.prior.pairs} differences, but must have {len(self.sensors)} / 2 (one per pair)"
             )
 
     @property
@@ -104,7 +104,7 @@ def _check_scaling(scaling: Scaling) -> None:
 
 def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
     """Return a trained model's controller with these optimiser settings: the slim encoder, and the slim dynamics and
-    decoder if the model has them, but not the teacher. Raises ExportError if tensors or weights do not fit."""
+    decoder if the model has them, but not the teacher. Raises ExportError if tensors are invalid or inconsistent."""
     about = model.description
     return ControllerProgram(
         encoder=EncoderWeights.from_state(model.network(SLIM)),
@@ -152,8 +152,8 @@ def _mapped(part: Any, name: str, change: Callable[[str, Array], Array]) -> Any:
 
 
 def program_sha256(program: ControllerProgram) -> str:
-    """Return a program's SHA-256 in hex. The hash covers every setting, and the name and the little-endian float64 of
-    every weight."""
+    """Return a program's SHA-256 in hex. The hash covers every setting, and the name and float64 values (little-endian)
+    of every weight array."""
     digest = hashlib.sha256()
     parts = ("scaling", "mpc", "encoder", "dynamics", "decoder")
     settings: dict[str, Any] = {name: asdict(getattr(program, name)) for name in parts}
@@ -165,8 +165,8 @@ def program_sha256(program: ControllerProgram) -> str:
 
 
 def _as_trained(prior: PriorWeights) -> dict[str, Array]:
-    """Return the prior's weights for the schedule variables, as they enter the hash. Equal weights for the speeds below
-    and above the design speed enter once. So a model that was trained with one speed variable keeps its hash."""
+    """Return the prior's weights for the schedule variables in the form that is hashed. If the weights for speeds below
+    and above the design speed are equal, they are hashed once, so a model with one speed variable keeps its hash."""
     first, gate, (below, above) = prior.first, prior.gate, SPEED_PLACES
     if np.array_equal(first[below], first[above]) and np.array_equal(gate[:, below], gate[:, above]):
         first, gate = np.delete(first, above, axis=0), np.delete(gate, above, axis=1)
@@ -186,7 +186,7 @@ def recorded_windows(
     sensor of the program; ExportError if the episode is too short."""
     needed = program.window + count - 1
     if count < 1 or len(episode) < needed:
-        raise ExportError(f"episode {episode.name}: {len(episode)} steps, but {count} windows need {needed}")
+        raise ExportError(f"episode {episode.name} has {len(episode)} steps, but {count} windows need {needed}")
     rows = episode.rows(layout.indices(program.sensors))[-needed:]
     return [rows[i : i + program.window] for i in range(count)]
 

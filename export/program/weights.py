@@ -178,7 +178,7 @@ class PriorWeights:
             `contract.controller.goal.SCHEDULED`.
         gate: (n, 6) weights of each unit's gate on the variables in `SCHEDULED`.
         sums: (n, F, p) weights of each unit's gate on the filtered sums of Cp in the pairs.
-        output: (n,) weights of the gated units.
+        output: (n,) weights with which the gated units are summed.
         predictor: (p, M, p + 1) weights that predict the next differences from the M rows up to the present row.
     """
 
@@ -191,10 +191,10 @@ class PriorWeights:
 
     @classmethod
     def from_state(cls, state: StateDict) -> "PriorWeights":
-        """Read a state dict, also of an older model. If a model has one speed variable, `of_two_speeds` uses its
-        weights for both speed variables. In a model of version 1.0.0, the plan does not depend on the goal, and the
-        tensors are "first" and "slope", both (n, F, p + 1), where "slope" is the change of "first" if the speed rises
-        by the design speed; or "hidden", (n, M, p + 1), replaces filters, first and slope."""
+        """Read a state dict, also of an older model. If a model has a single speed variable, this variable's
+        weights are used for both speed variables. In a model of version 1.0.0, the plan does not depend on the goal.
+        Its tensors are "first" and "slope", both (n, F, p + 1), where "slope" is the change of "first" if the speed
+        rises by the design speed; or "hidden", (n, M, p + 1), replaces filters, first and slope."""
         tensors, is_dense = _Tensors("prior", state), "hidden" in state
         if is_dense or "slope" in state:
             name = "hidden" if is_dense else "first"
@@ -207,7 +207,7 @@ class PriorWeights:
             scheduled, units, count, columns = tensors.shape("first", 4)
             if scheduled not in (len(SCHEDULED), len(SCHEDULED) - 1):
                 names = ", ".join(SCHEDULED)
-                raise ExportError(f"prior.first: {scheduled} variables, must be {len(SCHEDULED)}: {names}")
+                raise ExportError(f"prior.first: has {scheduled} variables, but must have {len(SCHEDULED)}: {names}")
             first = of_two_speeds(tensors.take("first", (scheduled, units, count, columns)))
             gate = of_two_speeds(tensors.take("gate", (units, scheduled)).T).T
             sums = tensors.take("sums", (units, count, columns - 1))
@@ -263,16 +263,16 @@ class _Tensors:
     def shape(self, name: str, axes: int) -> tuple[int, ...]:
         shape = self._find(name).shape
         if len(shape) != axes or 0 in shape:
-            raise ExportError(f"{self._network}.{name}: shape {shape}, must have {axes} axes of non-zero length")
+            raise ExportError(f"{self._network}.{name}: has shape {shape}, but needs {axes} axes of non-zero length")
         return tuple(map(int, shape))
 
     def take(self, name: str, shape: tuple[int, ...]) -> Array:
         array = np.array(self._find(name), dtype=np.float64)
         if array.shape != shape:
-            raise ExportError(f"{self._network}.{name}: shape {array.shape}, must be {shape}")
+            raise ExportError(f"{self._network}.{name}: has shape {array.shape}, but must have {shape}")
         if not np.isfinite(array).all():
             where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-            raise ExportError(f"{self._network}.{name}: {array[where]} at {where}, must be finite")
+            raise ExportError(f"{self._network}.{name}: is {array[where]} at {where}, but must be finite")
         array.flags.writeable = False
         self._left.discard(name)
         return array
@@ -296,8 +296,8 @@ class _Tensors:
 
 
 def as_float32(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float32]:
-    """Round values to float32, the precision of every lowering. Raises ExportError, with the name, if a value has no
-    finite float32."""
+    """Round values to float32, the precision of every lowering. Raises ExportError, with the name, if a value is not
+    finite in float32."""
     with np.errstate(over="ignore"):
         array = np.asarray(values, dtype=np.float64).astype(np.float32)
     if not np.isfinite(array).all():

@@ -61,9 +61,9 @@ def _normalise(x: Array) -> tuple[Array, Array]:
 
 
 class EncoderLayers(NamedTuple):
-    """The inputs of the encoder's layers: scaled rows (..., L, S+1) of the window; hidden state h before each row,
-    (..., L, width), starting at 0; `head`, which is LayerNorm(h) after the last row; and the input of the last linear
-    layer, after the ELU."""
+    """The inputs of the encoder's layers: the n scaled rows (..., n, S+1) that the encoder reads; hidden state h before
+    each row, (..., n, width), starting at 0; `head`, LayerNorm(h) after the last row; and the input of the last
+    linear layer, after the ELU."""
 
     rows: Array
     recurrent: Array
@@ -94,7 +94,7 @@ class NormedLayer(NamedTuple):
 def encode(program: ControllerProgram, window: Array) -> Array:
     """Compute the latent state z_t = f_enc(S_t), (..., n_z), of the window S_t (..., L, S+1), oldest row first; row k
     is (Cp_k, a_{k-1}), unscaled. The encoder reads the newest `encoder_rows` rows. With x_k the scaled row k of the
-    window, an LSTM runs over the L rows from h = c = 0: c = sigmoid(f) * c + sigmoid(i) * tanh(g) and h = sigmoid(o) *
+    window, an LSTM runs over these rows from h = c = 0: c = sigmoid(f) * c + sigmoid(i) * tanh(g) and h = sigmoid(o) *
     tanh(c), where (i, f, g, o) = W x_k + U h + b. Then z = W_2 ELU(W_1 LayerNorm(h) + b_1) + b_2."""
     return linear(program.encoder.output, encoder_layers(program, window).latent)
 

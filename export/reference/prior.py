@@ -1,9 +1,9 @@
 """The prior of the plan in NumPy float64, which is the specification of the prior's lowerings.
 
-The plan is the output of a feedback over the horizon. The feedback was trained with gradients through the flow
-(`train.refinement`); its inputs in the horizon are differences that an autoregressive model predicts. With rows (y_i,
-a_i) of the sensors' differences and the action, a past of M rows, and the schedule s = (1, slower, faster, effort,
-lift, limit) of the present speed and goal (`contract.controller.goal`),
+The plan consists of the outputs of a feedback over the horizon. The feedback was trained with gradients through the
+flow (`train.refinement`). In the horizon, an autoregressive model predicts the feedback's inputs. With rows (y_i, a_i)
+of the sensor pairs' pressure differences and the action, a past of M rows, and the schedule s = (1, slower, faster,
+effort, lift, limit) of the present speed and goal (`contract.controller.goal`),
 
     g = 1 + tanh(gate s + sums . filters^T (Cp_first + Cp_second, rows t-M+1 .. t)),
     a_{t+k} = clip(r A tanh(output . (g tanh((sum_j s_j first_j) . filters^T rows t+k-M .. t+k-1)))),

@@ -1,5 +1,5 @@
-"""The gates (checks) for a program's lowerings, the ONNX graph and, on request, the C library. Lowerings are built in
-memory. Only lowerings that have passed every gate are written to files."""
+"""The gates (checks) for a program's lowerings (the ONNX graph and, on request, the C library). Lowerings are built
+in memory. Only lowerings that have passed every gate are written to files."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -50,7 +50,7 @@ class Lowered:
 
 def lower(program: Program, *, calibration: Sequence[Array], with_library: bool) -> Lowered:
     """Convert a program to ONNX and, on request, to C. Raises ExportError if this is impossible. `calibration` has the
-    recorded windows (L, S+1) that gave the program's rounding; they also give an int8 library's activation ranges."""
+    recorded windows (L, S+1) with which the program was rounded; they also give an int8 library's activation ranges."""
     graph = build_controller(program).SerializeToString()
     return Lowered(program=program, graph=graph, library=c_library(program, calibration) if with_library else None)
 

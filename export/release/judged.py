@@ -1,4 +1,4 @@
-"""The check of a graph before signing. A graph must pass onnx's checker and have only operators of exported graphs."""
+"""The check of a graph before signing. A graph must pass onnx's checker and use only operators of exported graphs."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -44,7 +44,7 @@ def check_model(content: bytes) -> int:
         model = onnx.load_from_string(content)
         onnx.checker.check_model(model, full_check=True)
     except Exception as error:  # from protobuf, from the checker, or from the inference of shapes
-        raise ValueError(f"onnx refuses it: {error}") from error
+        raise ValueError(f"onnx refuses the graph: {error}") from error
     if model.functions or model.training_info:
         raise ValueError("the graph has its own functions or training information")
     nodes = list(_nodes(model.graph))
@@ -59,7 +59,7 @@ def check_model(content: bytes) -> int:
 
 
 def _nodes(graph: onnx.GraphProto) -> Iterator[onnx.NodeProto]:
-    """Yield all nodes, including those in the bodies of Scans."""
+    """Yield all nodes, including the nodes in the bodies of Scans."""
     for node in graph.node:
         yield node
         for part in node.attribute:

@@ -49,7 +49,7 @@ class CLibrary:
 
     Attributes:
         compiled: compiles the library for its gate.
-        ecu: returns the files of the ECU around the control step, and the ECU's documents. Its arguments are the
+        ecu: returns the files and documents of the ECU, which calls the control step. The function's arguments are the
             written release and the folder's recorded rows (n, S+1). None for a folder without ECU.
         bill: returns the bill of materials, from all files of the folder and the release.
     """
@@ -78,8 +78,8 @@ def calibration_windows(
 ) -> list[Array]:
     """Return up to about `CALIBRATION_WINDOWS` windows (L, S+1). The windows are from the last episode of each kind
     of forcing, because the networks' inputs differ between kinds. An episode with fewer than `LEAST_CALIBRATION`
-    windows is not used. An episode whose provenance states no forcing counts as a separate kind. Raises ExportError,
-    with the longest episode, if all episodes are too short."""
+    windows is not used. An episode whose provenance states no forcing counts as a separate kind. Raises ExportError if
+    all episodes are too short; the message states the longest episode."""
     held = {item.name: windows_in(len(item), program.window) for item in episodes}
     last = {
         str(item.provenance.get("forcing_signal", f"of {item.name}")): item
@@ -185,7 +185,7 @@ def export_library(
     if trained.weights_sha256 != manifest.weights_sha256:
         raise ExportError(
             f"bundle {manifest.name} was made from the model {manifest.weights_sha256[:12]}, but {model} is "
-            f"{trained.weights_sha256[:12]}: give the model of the bundle"
+            f"the model {trained.weights_sha256[:12]}: give the model of the bundle"
         )
     about = trained.description
     episodes = _recording_of(recording, about.dataset_sha256, about.layout, False, lambda line: None)
@@ -205,7 +205,7 @@ def export_library(
 def _lowered(
     program: ControllerProgram, episodes: Dataset, precision: str, *, with_library: bool, phase: Callable[[str], None]
 ) -> tuple[Lowered, list[Array]]:
-    """Round the program's weights and convert it; return the graph and the library, and the windows for their gates."""
+    """Round and convert a program; return the graph and the library, and the windows for their gates."""
     windows = gate_windows(program, episodes.with_role("test"), episodes.layout)
     calibration: list[Array] = []
     if precision == "int8":
@@ -218,12 +218,12 @@ def _lowered(
 
 def check_settings(own: Config, config: Config) -> None:
     """Raise ExportError if control period or action limit differ from the model, or if the computing time exceeds the
-    period. The manifest would refuse such settings only at the end, when the C library is already written."""
+    period. The manifest would refuse such settings only after the lowerings have passed their gates."""
     period_ms = config.period_ns / 1e6
     if config.ecu.compute_time_ms > period_ms:
         raise ExportError(
             f"ecu.compute_time_ms = {config.ecu.compute_time_ms:g}: must be within the control period of "
-            f"{period_ms:g} ms (flow.control_period in W / U_inf of operating_point)"
+            f"{period_ms:g} ms (flow.control_period times W / U_inf of operating_point)"
         )
     for name in ("control_period", "action_limit"):
         trained, here = getattr(own.flow, name), getattr(config.flow, name)

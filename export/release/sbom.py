@@ -38,7 +38,7 @@ OURS: Final = "MIT"
 
 def release_bom(bundle: Bundle, contents: Mapping[str, bytes]) -> bytes:
     """Return the bill of a verified release: its files, its controller's training data, and the software used.
-    `contents` are all files of the release by name; `Bundle.files` lacks manifest and signature. Raises BundleError if
+    `contents` has all files of the release by name, also the manifest and the signature. Raises BundleError if
     a version in the provenance is not a text."""
     manifest, licence, release = bundle.manifest, _licence(bundle), _release(bundle)
     learned, file = ComponentType.MACHINE_LEARNING_MODEL, ComponentType.FILE

@@ -14,7 +14,7 @@ from contract.release.manifest import WeightPrecision
 from export.to_c.library import static_sources
 
 SOURCES: Final = "sources.cmake"
-"""Name of the list for CMake, which `CMakeLists.txt` and `zephyr/CMakeLists.txt` include."""
+"""Name of the list of sources for CMake, which `CMakeLists.txt` and `zephyr/CMakeLists.txt` include."""
 KCONFIG: Final = "zephyr/Kconfig"
 PLATFORMIO: Final = "library.json"
 PACK: Final = "stillwake.flow_controller.pdsc"

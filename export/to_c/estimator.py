@@ -43,13 +43,13 @@ def _check(rounded: RoundedEstimator) -> None:
     width = shapes[0][0]
     inputs = network.window * (network.sensors + 1) + network.sensors
     if shapes != [(width, inputs), (width, width), (network.sensors, width)]:
-        raise ExportError(f"{ESTIMATOR}: layers of shapes {shapes}: must have two hidden layers of equal width")
+        raise ExportError(f"{ESTIMATOR}: has layers of shapes {shapes}, but must have two hidden layers of equal width")
     for name, size in (("its hidden layers are", width), ("the window is", network.window)):
         if size % INT8_LANES:
             raise ExportError(f"{ESTIMATOR}: {name} {size} long: the C library accepts multiples of {INT8_LANES}")
     if max(inputs, width) > FULL_RANGE_WIDTH:
         raise ExportError(
-            f"{ESTIMATOR}: {max(inputs, width)} inputs of a layer: the C library accepts at most {FULL_RANGE_WIDTH}"
+            f"{ESTIMATOR}: a layer has {max(inputs, width)} inputs; the C library accepts at most {FULL_RANGE_WIDTH}"
         )
 
 

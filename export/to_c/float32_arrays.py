@@ -21,7 +21,7 @@ from export.reference.mpc import ADAM_BETAS
 
 Integers = npt.NDArray[np.int32]
 ArrayValues = Array | npt.NDArray[np.int8] | Integers | npt.NDArray[np.uint32]
-"""An array of numbers for C, which has the same integer type; float64 becomes float."""
+"""An array of numbers for C. Integers keep their type in C; float64 becomes float."""
 
 FLOAT32_LANES = 16
 """Number of float32 values in the widest vector register that compilers should be able to fill."""

@@ -108,11 +108,11 @@ def c_constants() -> dict[str, int | np.float32]:
 
 
 def qmax(width: int) -> int:
-    """Return the largest magnitude of an element in a vector of this padded width for which the dot product with int8
+    """Return the limit on the integers in a vector of this padded width, with which the vector's dot product with int8
     weights cannot overflow 32 bits (SW_QMAX in C). Raises ExportError if the vector is so wide that its elements would
     be resolved too coarsely."""
     if width > 4 * FULL_RANGE_WIDTH:
-        raise ExportError(f"a layer of width {width}: the int8 library accepts at most {4 * FULL_RANGE_WIDTH}")
+        raise ExportError(f"a layer has the width {width}; the int8 library accepts at most {4 * FULL_RANGE_WIDTH}")
     return INT16_QMAX if width <= FULL_RANGE_WIDTH else SUM_QMAX // width
 
 
@@ -164,7 +164,7 @@ def int8_arrays(rounded: RoundedProgram, ranges: Mapping[str, float]) -> dict[st
     of_elu = ("encoder.output.weight", "dynamics.hidden.weight", "dynamics.output.weight")
     reach = max(largest for name, largest in ranges.items() if name in of_elu or name.endswith(".elu"))
     if not reach < ELU_MAX:
-        raise ExportError(f"int8 calibration: ELU outputs reach {reach:.3g}, must stay below {ELU_MAX}")
+        raise ExportError(f"int8 calibration: ELU outputs reach {reach:.3g}; the limit is {ELU_MAX}")
     return {
         **scaling_arrays(program),
         "sw_logistic_points": logistic_points(),
@@ -179,7 +179,7 @@ def int8_arrays(rounded: RoundedProgram, ranges: Mapping[str, float]) -> dict[st
 
 
 def _inverse_scale(largest: float, width: int) -> float:
-    """Return the factor that converts an activation to its integer; any factor if the largest activation is 0."""
+    """Return the factor that converts an activation to its integer, or any factor if the largest activation is 0."""
     return qmax(padded_size(width)) / (ACTIVATION_MARGIN * largest if largest > 0 else 1.0)
 
 
@@ -197,8 +197,8 @@ def _channels(*columns: Array) -> Array:
 
 def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale: float) -> Mapping[str, ArrayValues]:
     """Return the constants of a layer with norm and ELU: `sw_NAME_channel`, `sw_NAME_adjoint` and `sw_NAME_layer`. In
-    C, a scaled sum is an integer multiple of a unit. This is the smallest unit that satisfies two limits: the factor of
-    C's sw_scaled must be below 1/2, and the sum over all outputs must not overflow."""
+    C, a scaled sum is an integer multiple of a unit. The unit is the smallest with which the factor of C's sw_scaled is
+    below 1/2 and the sum over all outputs cannot overflow."""
     _stay_below(ELU_ARGUMENT_MAX, np.abs(norm.weight) * np.sqrt(len(bias)) + np.abs(norm.bias), "ELUs behind a norm")
     scales = matrix.scales.astype(np.float64) / inverse_scale
     reach = np.abs(matrix.values.astype(np.float64)).sum(axis=1) * (INT16_QMAX + 1) * scales + np.abs(bias)
@@ -272,7 +272,7 @@ def _encoder(rounded: RoundedProgram, ranges: Mapping[str, float]) -> Mapping[st
 
 def _stay_below(limit: float, reach: Array, what: str) -> None:
     if not np.max(reach) < limit:
-        raise ExportError(f"int8 library: {what} reach {np.max(reach):.3g}, must stay below {limit:.3g}")
+        raise ExportError(f"int8 library: {what} reach {np.max(reach):.3g}; the limit is {limit:.3g}")
 
 
 def _fed_by_elu(weight: Array) -> None:
@@ -280,7 +280,7 @@ def _fed_by_elu(weight: Array) -> None:
     could overflow."""
     if weight.shape[1] > FULL_RANGE_WIDTH:
         raise ExportError(
-            f"a layer of width {weight.shape[1]} after an ELU: the int8 library accepts at most {FULL_RANGE_WIDTH}"
+            f"a layer after an ELU has the width {weight.shape[1]}; the int8 library accepts at most {FULL_RANGE_WIDTH}"
         )
 
 

@@ -132,7 +132,7 @@ def _decayed(body: Graph, old: str, new: str, beta: float) -> str:
 
 class Cost:
     """The cost J for given weights (8,) and previous action (1,), which are values of the outermost graph. `start` is
-    the plan (1, H) from which the optimiser starts; `iterated` has the weights (8,) for the gradient."""
+    the plan (1, H) from which the optimiser starts; `iterated` has the weights (8,) of the terms in the gradient."""
 
     def __init__(
         self, graph: Graph, mpc: MpcConfig, weights: str, previous_action: str, start: str, iterated: str
@@ -193,9 +193,9 @@ class Cost:
 
     def _prepare(self, graph: Graph, start: str) -> None:
         """Add the nodes for the parts of the gradient that depend only on the weights, the previous action and the
-        start p. These nodes run once per control step.
+        plan p from which the optimiser starts. These nodes run once per control step.
 
-        The terms in the plan a are quadratic. With increments D and first unit vector e_0 their gradient is Q a - q,
+        The terms in the plan a are quadratic. With increments D a and the unit vector e_0, their gradient is Q a - q,
 
             Q = 2 w_smoothness D^T D / (H - 1) + 2 (w_effort + w_prior) I / H + 2 w_rate e_0 e_0^T,
             q = 2 w_rate a_{-1} e_0 + 2 w_prior p / H.

@@ -1,4 +1,4 @@
-"""A small writer of ONNX graphs: it adds nodes by operator name, shares constants, and lets Scans read outer values.
+"""A small writer of ONNX graphs: it adds nodes by operator name, shares constants, and lets Scans read outside values.
 
 Matrices that are derived from a weight matrix (transposed, centred) are computed in the outermost graph, never inside a
 Scan. For float weights ONNX Runtime folds these nodes when the session is built; for int8 weights the nodes run once
@@ -52,7 +52,7 @@ class Graph:
         self._outputs.append(helper.make_tensor_value_info(name or value, TensorProto.FLOAT, shape))
 
     def constant(self, values: npt.ArrayLike, name: str = "const") -> str:
-        """Add a float32 constant. Raises ExportError if a value has no finite float32."""
+        """Add a float32 constant. Raises ExportError if a value is not finite in float32."""
         return self._root._store(name, as_float32(values, name))
 
     def index(self, values: Sequence[int]) -> str:
@@ -94,7 +94,7 @@ class Graph:
     ) -> tuple[str, ...]:
         """Add a Scan of `body` over the first axis of `sequences`. Returns the names of the final states, then of the
         stacked outputs. The body's inputs are the states, then one slice of every sequence. The body's outputs are the
-        new states, then the values to stack. With `reverse`, the Scan reads and stacks from the last to the first."""
+        new states, then the values to stack. With `reverse`, the last slice is read and stacked first."""
         stacked = len(body._outputs) - len(states)
         directions = {"scan_input_directions": [int(reverse)] * len(sequences)}
         if stacked:
@@ -142,8 +142,8 @@ PutMatrix = Callable[..., str]
 
 def store_for(program: Program) -> PutMatrix:
     """Return the function that stores a program's matrices (outputs, inputs) by their names
-    (`export.program.controller_program`): as float32, or as integers for a rounded program. `rows` is the order of the
-    outputs, if an operator does not use PyTorch's order; `leading` is the number of leading axes of length 1."""
+    (`export.program.controller_program`): as float32, or as integers for a rounded program. Its argument `rows` is the
+    order of the outputs, if it is not PyTorch's order; `leading` is the number of leading axes of length 1."""
     whole = {} if isinstance(program, RoundedProgram) else matrices(program)
 
     def store(graph: Graph, name: str, *, rows: Index | None = None, leading: int = 0) -> str:

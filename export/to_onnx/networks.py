@@ -2,7 +2,8 @@
 
 The dynamics are Scans over the horizon: forwards for the states, backwards for the adjoint. ONNX Runtime needs time for
 every node, however small. So the Scans have only the recursions, and everything else is computed for all H steps at
-once. The forward Scan leaves out the action's part of the first layer and the residual's biases. Its recursion is
+once. The forward Scan leaves out the action's part of the first layer, and the last layer's bias b_3. With that layer's
+matrix W_3 and input h_k, its recursion is
 
     s_{k+1} = s_k + W_3 h_k,    z_k = s_k + k b_3.
 
@@ -11,16 +12,15 @@ b, width n and normalised input xhat, with r = 1 / std and p = ELU'(g xhat + b) 
 
     v = d diag(g) diag(p) (I - xhat xhat^T / n).
 
-diag(g) is folded into the constant matrix before it. In both layers, the other factors are folded into the matrix on
-their narrow side. Let d_k be the sum over all steps from k + 1 on of dJ/dz through the forces alone. Let e_k be the
-rest of the adjoint, through later steps. The Scan then computes
+diag(g) is multiplied into the constant matrix to its left. The other factors are multiplied into the neighbouring
+matrix that is smaller: W_3 in B, W_1 in A. Let d_k be the sum over all steps from k + 1 on of dJ/dz through the forces
+alone. Let e_k be the rest of dJ/dz_{k+1}, which passes through f_dyn of later steps. The Scan then computes
 
     e_{k-1} = e_k + (e_k + d_k) B_k W_2 diag(g_1) A_k,
     B = W_3 diag(g_2) diag(p_2) (I - xhat_2 xhat_2^T / n),    A = diag(p_1) (I - xhat_1 xhat_1^T / n) W_1.
 
-In the decoder all H steps of the horizon are one batch of rows. The forces' scaling is folded into the last matrix and
-bias. In a block, ELU(y) = max(y, 0) + exp(min(y, 0)) - 1. The term -1 is left out of the rows that pass from block to
-block; the biases of the following layers compensate for this.
+In the decoder all H steps of the horizon are one batch of rows. The forces' scaling is multiplied into the last
+layer. The blocks compute ELU(y) = max(y, 0) + exp(min(y, 0)) - 1 without the term -1; later biases compensate for this.
 """
 
 from dataclasses import dataclass
@@ -72,7 +72,7 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
 
 @dataclass(frozen=True, kw_only=True)
 class Rollout:
-    """A forward pass: latents (H, n_z) at t+1 .. t+H, and inputs and outputs of the norms and ELUs, (H, 1, width)."""
+    """A forward pass: latents (H, n_z) at t+1 .. t+H, inputs of the norms and outputs of the ELUs, (H, 1, width)."""
 
     latents: str
     before: tuple[str, str]
@@ -183,7 +183,7 @@ def _per_width(graph: Graph, matrix: str, norm: NormNames) -> str:
 
 
 BlockTape = tuple[str, str]
-"""The values that a residual block's adjoint needs: xhat and p = ELU' g r (see the module), each (H, width)."""
+"""The values that a residual block's adjoint needs: xhat, and the product of ELU', gain and r, each (H, width)."""
 
 
 class DecoderGraph:

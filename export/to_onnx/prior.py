@@ -1,8 +1,8 @@
 """The prior of the plan as ONNX nodes: one Scan over the horizon (`export.reference.prior`), and the goal
-(`contract.controller.goal`). The goal schedules a prior and determines which part of the cost the iterations minimise.
+(`contract.controller.goal`). The goal determines the prior's schedule, and the cost terms that the iterations minimise.
 
-The past is one row, oldest differences first. Once per control step, the graph computes the gates and the units' matrix
-for this row. The matrix combines schedule and filters.
+The past is stored as one row, oldest differences first. Once per control step, the graph computes the gates and the
+units' matrix for this row. The matrix combines schedule and filters.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""The ONNX graph that estimates each pressure from the others. The views of a window form one batch."""
+"""The ONNX graph that estimates each pressure from the others. The views of a window are one batch."""
 
 from typing import Final
 
@@ -23,7 +23,7 @@ DOC: Final = "Pressures estimated from each other: see contract.controller.estim
 
 
 def build_estimator(rounded: RoundedEstimator) -> onnx.ModelProto:
-    """Build the graph `sensors.onnx` for a network. Raises ExportError if a weight has no finite float32."""
+    """Build the graph `sensors.onnx` for a network. Raises ExportError if a weight is not finite in float32."""
     network = rounded.network
     sensors, length = network.sensors, network.window
     seen_by = views(sensors)
@@ -60,7 +60,7 @@ def read_estimator(content: bytes) -> RoundedEstimator:
     layers = [node for node in graph.node if node.op_type == "Gemm"]
     weights = [made_by.get(node.input[1]) for node in layers]
     if not layers or any(node is None or node.op_type != "DequantizeLinear" for node in weights):
-        raise ExportError(f"{ESTIMATOR}: has no int8 weights: fit it again (stillwake bundle renew --dataset DATASET)")
+        raise ExportError(f"{ESTIMATOR}: has no int8 weights; fit a new estimator with bundle renew --dataset DATA")
     matrices = [
         Int8Matrix(values=constants[node.input[0]], scales=constants[node.input[1]])
         for node in weights

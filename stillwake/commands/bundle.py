@@ -147,7 +147,7 @@ def renew(
 
 
 def _renew_bill(path: Path, release: Bundle) -> None:
-    """Update the bill of materials beside a bundle, if there is one: it states the bundle's digest and signer."""
+    """Update the bill of materials beside a bundle, if there is one. The bill states the bundle's digest and signer."""
     from export.release.sbom import bill_beside, release_bom, write_bom
 
     if bill_beside(path).exists():

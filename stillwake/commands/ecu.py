@@ -40,8 +40,8 @@ _SERIAL: Final = "1"
 _RUN: Final = "run"
 _MAKES: Final = {
     "access": "`stillwake keygen --secret` makes a key",
-    "root": "`stillwake keygen` makes a pair",
-    "library": "`stillwake export --c` writes one",
+    "root": "`stillwake keygen` makes a key pair",
+    "library": "`stillwake export --c` writes a library",
 }
 """Hints for error messages: for each option, the command that makes the option's file."""
 

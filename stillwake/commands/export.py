@@ -132,7 +132,7 @@ def export(
     if files.in_c:
         files.check_in_c(config)
     if (fmu, image, for_testers) != (None, None, None):
-        # These files contain or describe the ECU, so the ECU must be able to run the model; --c also works without.
+        # These files contain or describe the ECU, which must be able to run the model; --c can also omit the ECU.
         from ecu.fit import check_ecu
 
         sensors = len(model_folder.read(model).description.sensors)
@@ -274,7 +274,7 @@ def _print_remarks(done: "Gated", config: Config) -> None:
     count = len(done.lowered.effective.sensors)
     if count != SENSORS:
         console.print(
-            f"{count} sensors: this ECU needs the {SENSORS} of its Pressure message (train.sensors={SENSORS}); "
+            f"the model has {count} sensors, but this ECU needs the {SENSORS} of Pressure (train.sensors={SENSORS}); "
             f"the control step in C and the ONNX graph work with any number"
         )
 

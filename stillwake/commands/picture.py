@@ -159,7 +159,7 @@ def actions_of(config: Config, duration: float | None, forcing: str) -> npt.NDAr
     recorded: npt.NDArray[np.float64] = log.series["action"][1:]
     steps = len(recorded) if asked is None else asked
     if steps > len(recorded):
-        raise ConfigError(f"--duration {duration}: the recording holds {_time(config, len(recorded)):g} t_c")
+        raise ConfigError(f"--duration {duration}: the recording is {_time(config, len(recorded)):g} t_c long")
     return recorded[:steps]
 
 

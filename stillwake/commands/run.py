@@ -266,7 +266,7 @@ def exit_with(log: "RunLog", required: float | None) -> None:
         figures = summary(log)
         reached = (figures["drive"] or figures)["reduction_percent"]
         if failed or reached is None or reached < required:
-            measured = "no reduction can be claimed" if reached is None else f"it is {reached:.2f} %"
+            measured = "no reduction can be claimed" if reached is None else f"the reduction is {reached:.2f} %"
             console.print(f"--require-reduction {required:g}: not reached, {measured}")
             raise typer.Exit(BELOW_REQUIREMENT)
     if failed:

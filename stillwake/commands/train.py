@@ -48,7 +48,7 @@ def train(
     and `export` starts from them. If --sensors names sensors, train.selection has no effect. docs/how-to/train.md
     describes the steps.
     """
-    # A missing extra is reported before a missing file, because a vehicle's computer has no HDF5.
+    # A vehicle's computer has no HDF5: these imports report the missing extra before a missing file is reported.
     from contract.recording.dataset import read
     from contract.recording.findings import findings, refuse_unfit
 

@@ -229,7 +229,7 @@ def _print_figures(figures: "VehicleFigures", pressures: str) -> None:
     rows = (
         ("pressures", pressures),
         ("periods", str(figures.periods)),
-        ("of these left out: the vehicle itself was late", str(figures.left_out)),
+        ("of these skipped: the vehicle itself was late", str(figures.left_out)),
         ("of these without pressures: the live wake was late", str(figures.unsampled)),
         ("pressure frames that the bus refused", str(figures.unsent)),
         ("usable commands received", str(figures.commands)),

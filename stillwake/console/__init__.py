@@ -1,1 +1,1 @@
-"""The parts of the command line that all commands share: options, progress, output, endings."""
+"""The parts of the command line that all commands share: options, progress, output, exit status."""

@@ -24,7 +24,7 @@ from contract.results import is_result, versions, write_result
 from stillwake.console.terminal import console, listed
 
 DATASET_SUFFIXES: Final = (".h5", ".hdf5")
-"""Endings of a data set's name."""
+"""File name extensions of a data set."""
 _HELD: Final = ExitStack()
 _PLACES: Final = set[Path]()
 
@@ -123,7 +123,7 @@ def check_output(
 
 
 def check_apart(*paths: Path | None) -> None:
-    """Raise OutputError if two paths are equal or one contains the other: an output would alter the other."""
+    """Raise OutputError if two paths are equal or one contains the other, because writing one alters the other."""
     for one, other in permutations(filter(None, paths), 2):
         if Path(os.path.realpath(other)).is_relative_to(os.path.realpath(one)):
             raise OutputError(f"{other} is the same path as {one}, or lies in it; name another place")

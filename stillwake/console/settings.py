@@ -48,7 +48,7 @@ def settings(verb: str, given: Sequence[str], *, uses: Sequence[str], base: Conf
     loaded = read_settings(given, base=base)
     unused = sorted(name for name in loaded.in_overrides if not _is_used(name, uses))
     if unused:
-        raise ConfigError(f"--set {unused[0]}: `{verb}` does not use it; it uses {', '.join(sorted(uses))}")
+        raise ConfigError(f"--set {unused[0]}: `{verb}` does not use it; this command uses {', '.join(sorted(uses))}")
     idle = sorted(name for name in loaded.in_file if not _is_used(name, uses))
     if idle:
         (file,) = (text for text in given if "=" not in text)

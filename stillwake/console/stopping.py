@@ -1,5 +1,5 @@
-"""The end of a command by Ctrl-C, SIGTERM or SIGHUP (the terminal is closed): it stops, and a line states how to
-continue."""
+"""The end of a command by Ctrl-C, SIGTERM or SIGHUP (the terminal is closed): the command stops, and a line
+states how to continue."""
 
 import signal
 import sys

@@ -1,4 +1,4 @@
-"""The wake that a refinement differentiates, built from its settings."""
+"""The wake that a refinement differentiates, built from the refinement's settings."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace

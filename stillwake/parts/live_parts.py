@@ -1,5 +1,5 @@
-"""The plants and the ECUs of a live loop, by name. A plant or an ECU that takes seconds to make is made only when it is
-selected."""
+"""The plants and the ECUs of a live loop, by name. A plant or an ECU that takes seconds to build is built only when it
+is selected."""
 
 import importlib.util
 from collections.abc import Callable
@@ -92,7 +92,7 @@ class LiveParts:
 
 
 class Ecus:
-    """The ECUs of one release in one vehicle, by the names of their controllers. An ECU in C is made only once."""
+    """The ECUs of one release in one vehicle, by the names of their controllers. An ECU in C is built only once."""
 
     def __init__(self, release: Bundle, config: Config, library: Path | None, tell: Callable[[str], None]) -> None:
         self._release, self._config, self._library, self._tell = release, config, library, tell
@@ -113,11 +113,11 @@ class Ecus:
         return LoopEcu(ecu=ecu, kind="python", computed_by=self._graph.description)
 
     def ahead(self, name: str) -> Callable[[], None] | None:
-        """Return a function that makes an ECU in C while the loop runs; None if there is nothing to make."""
+        """Return a function that builds an ECU in C, to be called while the loop runs; None if no ECU must be built."""
         return partial(self.prepare, name) if name in COMPILING and name not in self._in_c else None
 
     def prepare(self, name: str) -> None:
-        """Make an ECU in C unless it exists; this takes seconds. Raises StillwakeError if it cannot be made."""
+        """Build an ECU in C unless it exists; this takes seconds. Raises StillwakeError if the ECU cannot be built."""
         from can_bridge.secoc.key import read_secret
         from firmware_sim.bench.ecus import loop_ecu
 

@@ -69,7 +69,7 @@ def asked_calibration(loaded: Loaded, release: Bundle) -> Calibration:
         key = name.removeprefix("mpc.")
         if name in loaded.in_overrides or given[key] != built[key]:
             raise ConfigError(
-                f"{name} = {given[key]}: fixed when the bundle was exported, to {built[key]}; make another bundle with "
+                f"{name} = {given[key]}: this setting is fixed to {built[key]} in the bundle; make another bundle with "
                 f"`stillwake export MODEL BUNDLE --set {name}={given[key]}`"
             )
     asked = [name.removeprefix(f"{COST_WEIGHTS}.") for name in loaded.given if name.startswith(f"{COST_WEIGHTS}.")]

@@ -194,9 +194,9 @@ def test_avx2_computes_what_plain_c_does(dynamics_width):
 def test_what_the_integers_cannot_hold_is_refused():
     model = ModelConfig(window=2, latent=2, lstm_width=3)
     cases: tuple[tuple[int, dict[str, float], str], ...] = (
-        (256, {"dynamics.output.weight": 7.0}, r"ELU outputs reach 7, must stay below 6\.4"),
-        (256, {"lstm.weight_input": 1e12}, r"LSTM's gates reach .*e\+1\d, must stay below 6e\+04"),
-        (517, {}, "a layer of width 517 after an ELU: the int8 library accepts at most 516"),
+        (256, {"dynamics.output.weight": 7.0}, r"ELU outputs reach 7; the limit is 6\.4"),
+        (256, {"lstm.weight_input": 1e12}, r"LSTM's gates reach .*e\+1\d; the limit is 6e\+04"),
+        (517, {}, "a layer after an ELU has the width 517; the int8 library accepts at most 516"),
     )
     for width, change, message in cases:
         rounded = rounded_to_nearest(random_program(5, model=replace(model, dynamics_width=width)))

@@ -91,7 +91,7 @@ def send(
 def _frames(
     name: str, values: list[str], counter: int, trip: int | None, config: "BusConfig"
 ) -> "Callable[[float], can.Message]":
-    """Return a function that builds the stream's next frame; the function's argument is the frame's time stamp in s."""
+    """Return a function that builds the next frame to send; the function's argument is the frame's time stamp in s."""
     from can_bridge.bus.conversion import to_message
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.e2e.sender import E2eSender, SenderState

@@ -138,8 +138,8 @@ class DriveReader:
 
         if len(self.layout) != SENSORS:
             raise DatasetError(
-                f"{path}: a Pressure message has {SENSORS} sensors, --layout has {len(self.layout)}: list the sensors "
-                f"in the order of the message"
+                f"{path}: a Pressure message has {SENSORS} sensors, but --layout has {len(self.layout)}: list the "
+                f"sensors in the order of the message"
             )
         config, given = self.loaded.config, self.loaded.given
         assert self.facts.control_period is not None and self.facts.action_limit is not None
@@ -215,8 +215,8 @@ class DriveReader:
         return table
 
     def _check_zone(self, log: Path, series: "LogSeries", forces: "ForcesTable") -> None:
-        """Raise DatasetError if the zone of a log in local time is uncertain: the times of the forces cover those of
-        the log also, or only, in a zone other than UTC."""
+        """Raise DatasetError if the zone of a log in local time is uncertain: the log lies within the times of the
+        forces in at least one zone other than UTC."""
         zones = []
         for minutes in range(-12 * 60, 14 * 60 + 1, 15):
             with suppress(DatasetError):

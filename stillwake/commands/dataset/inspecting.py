@@ -136,7 +136,7 @@ def _draw(dataset: "Dataset", path: Path) -> None:
     from matplotlib.figure import Figure
 
     if path.suffix.lower() != ".png":
-        raise ConfigError(f"{path}: a picture must end in .png")
+        raise ConfigError(f"{path}: a picture's name must end in .png")
     claim(path)
     layout, first = dataset.layout, dataset.episodes[0]
     figure = Figure(figsize=(8, 9), layout="constrained")

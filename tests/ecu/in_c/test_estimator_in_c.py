@@ -155,7 +155,7 @@ def test_where_all_hidden_activations_are_0_the_estimate_is_the_biases(in_c):
         ),
         (replace(NETWORK, layers=[first, last]), "must have two hidden layers of equal width"),
         (random_network(width=63), f"{ESTIMATOR}: its hidden layers are 63 long: the C library accepts"),
-        (random_network(width=520), "520 inputs of a layer: the C library accepts at most"),
+        (random_network(width=520), "a layer has 520 inputs; the C library accepts at most"),
     ):
         with pytest.raises(ExportError, match=message):
             estimator_files(graph(other))

@@ -84,11 +84,11 @@ def test_every_tensor_is_needed_and_checked():
                 built(**missing)
             longer = parts()
             longer[network][name] = np.ones((tensor.shape[0] + 1, *tensor.shape[1:]))
-            with pytest.raises(ExportError, match="must be"):
+            with pytest.raises(ExportError, match="must have"):
                 built(**longer)
             poisoned = parts()
             poisoned[network][name].flat[-1] = np.nan
-            with pytest.raises(ExportError, match=rf"{network}\.{name}: nan at .*must be finite"):
+            with pytest.raises(ExportError, match=rf"{network}\.{name}: is nan at .*must be finite"):
                 built(**poisoned)
 
 
@@ -114,17 +114,17 @@ def test_what_does_not_fit_is_refused_by_its_name():
         return {network: {**parts()[network], name: np.ones(shape)}}
 
     cases: list[tuple[dict[str, Any], str]] = [
-        (tensor("prior", "first", 6, 3, 2, 3), r"prior\.sums: shape"),
-        (tensor("prior", "first", 4, 3, 2, 2), r"prior\.first: 4 variables, must be 6: one, slower, faster, "),
-        (tensor("prior", "first", 3, 2, 2), r"prior\.first: shape \(3, 2, 2\), must have 4 axes"),
-        (tensor("prior", "slope", 3, 2, 2), r"prior\.first: shape \(6, 3, 2, 2\), must have 3 axes"),
+        (tensor("prior", "first", 6, 3, 2, 3), r"prior\.sums: has shape"),
+        (tensor("prior", "first", 4, 3, 2, 2), r"prior\.first: has 4 variables, but must have 6: one, slower, "),
+        (tensor("prior", "first", 3, 2, 2), r"prior\.first: has shape \(3, 2, 2\), but needs 4 axes"),
+        (tensor("prior", "slope", 3, 2, 2), r"prior\.first: has shape \(6, 3, 2, 2\), but needs 3 axes"),
         (tensor("prior", "hidden", 3, 6, 2), r"prior\.f\w+: unknown tensor"),
         (scaled(pressure_std=(1.0, 0.0)), r"scaling\.pressure_std"),
         (scaled(pressure_mean=(float("nan"), 0.0)), r"scaling\.pressure_mean"),
         (scaled(action_std=0.0), r"scaling\.action_std"),
         (scaled(force_std=(0.1, -1.0)), r"scaling\.force_std"),
-        (tensor("decoder", "input.weight", WIDTH, LATENT + 1), "decoder: latent size 3, but the encoder has 2"),
-        (tensor("encoder", "lstm.weight_ih_l0", 4 * H, INPUTS + 2), r"lstm\.weight_ih_l0: 5 inputs, must be 3"),
+        (tensor("decoder", "input.weight", WIDTH, LATENT + 1), "decoder: the latent size is 3, but the encoder's is 2"),
+        (tensor("encoder", "lstm.weight_ih_l0", 4 * H, INPUTS + 2), r"weight_ih_l0: has 5 inputs, but must have 3"),
         (tensor("dynamics", "gate.weight", 2, 2), r"dynamics\.gate\.weight: unknown tensor"),
     ]
     for change, message in cases:

@@ -56,9 +56,9 @@ def test_what_no_controller_needs_is_refused_by_name():
         (node("Concat", axis=1.5), "axis"),
         (node("Nonsense"), "Nonsense"),
         (graph_of(cut).SerializeToString(), "input 'count' of Slice is computed"),
-        (graph_of((), [short]).SerializeToString(), "onnx refuses it"),
+        (graph_of((), [short]).SerializeToString(), "onnx refuses the graph"),
         (with_function.SerializeToString(), "function|refuses"),
-        (b"not really ONNX", "onnx refuses it"),
+        (b"not really ONNX", "onnx refuses the graph"),
     ):
         with pytest.raises(ValueError, match=named):
             check_model(content)

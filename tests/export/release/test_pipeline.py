@@ -156,7 +156,7 @@ def test_calibration_leaves_out_what_is_too_short_and_takes_what_there_is():
     # The gates replay the first test episode that is long enough.
     one, two = pipeline.gate_windows(program, EPISODES[1:], LAYOUT)[-1], EPISODES[2].series["Cp"][-1]
     np.testing.assert_array_equal(one[-1, :-1], two[LAYOUT.indices(CHOSEN)])
-    with pytest.raises(ExportError, match="episode blink: 20 steps, but 50 windows need 55"):
+    with pytest.raises(ExportError, match="episode blink has 20 steps, but 50 windows need 55"):
         pipeline.gate_windows(program, EPISODES[1:2], LAYOUT)
 
 

@@ -71,5 +71,5 @@ def test_what_is_written_is_read_again_and_another_make_is_not():
     for node in model.graph.node:
         if node.op_type == "DequantizeLinear":
             node.op_type = "Cast"
-    with pytest.raises(ExportError, match=r"sensors\.onnx: has no int8 weights: fit it again"):
+    with pytest.raises(ExportError, match=r"sensors\.onnx: has no int8 weights; fit a new estimator"):
         read_estimator(model.SerializeToString())

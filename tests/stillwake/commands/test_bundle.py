@@ -236,7 +236,7 @@ def test_a_bundle_for_a_slower_vehicle_fits_it_and_no_other(cli, keys, tmp_path)
     with pytest.raises(BundleError, match=r"for operating point width 2\.5, speed 6\.25, .* has .*speed 25\.0"):
         check_vehicle(found, load_config())
     other = renew(cli, BUNDLE, keys, tmp_path, "--set", "flow.reynolds=400", target="other")
-    assert "`bundle renew` does not use it; it uses mpc.weights, operating_point" in other.err
+    assert "`bundle renew` does not use it; this command uses mpc.weights, operating_point" in other.err
 
 
 @pytest.fixture

@@ -89,7 +89,7 @@ def test_any_number_and_text_is_read_back_as_it_was(reynolds, channel, seed):
 def test_a_setting_that_would_have_no_effect_is_refused():
     with pytest.raises(ConfigError) as refused:
         settings("develop", ["flow.substeps=40", "mpc.horizon=9"], uses=["flow", "bus"])
-    assert str(refused.value) == "--set mpc.horizon: `develop` does not use it; it uses bus, flow"
+    assert str(refused.value) == "--set mpc.horizon: `develop` does not use it; this command uses bus, flow"
     # A section whose name only begins alike is another.
     with pytest.raises(ConfigError, match=r"--set model\.window"):
         settings("x", ["model.window=3"], uses=["mod", "model.win"])

@@ -162,7 +162,7 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused, place):
         (*call, "--forces", "forces.csv"),
         {
             "train=gap.log --layout sensors.csv": "no pressures for 5 control periods at 2.000 s; --fill allows 2",
-            "train=drive.log --layout three.csv": "a Pressure message has 4 sensors, --layout has 3",
+            "train=drive.log --layout three.csv": "a Pressure message has 4 sensors, but --layout has 3",
         },
     )
     without = "are for CAN logs; no log is given"

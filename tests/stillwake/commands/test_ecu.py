@@ -135,7 +135,7 @@ def test_what_cannot_run_of_a_folder_is_one_line(good, all_refused):
             "--slots ecu --access none.key": "none.key",
             f"first {slots}": "BUNDLE: --slots runs the release in its folder",
             f"{slots} --trust x": "--trust: --slots runs",
-            "--mcu f.bin --root r --access a": "--mcu: needs --library; `stillwake export --c` writes one",
+            "--mcu f.bin --root r --access a": "--mcu: needs --library; `stillwake export --c` writes a library",
             f"{slots} --mcu f.bin": "--slots: --mcu runs a firmware",
             "--mcu f.bin --stage-times x.npz": "--stage-times: --mcu runs a firmware",
             "--mcu f.bin --freshness x": "--freshness: --mcu runs a firmware",

@@ -51,7 +51,7 @@ def test_a_replayed_run_reaches_the_actions_that_were_in_force(tmp_path, run_met
     run_log.save(tmp_path / "series.npz", log)
     assert actions(forcing=str(tmp_path)).tolist() == in_force[1:]
     assert actions(forcing=str(tmp_path), duration=0.4).tolist() == in_force[1:3]
-    with pytest.raises(StillwakeError, match=r"--duration 2\.0: the recording holds 0\.6 t_c"):
+    with pytest.raises(StillwakeError, match=r"--duration 2\.0: the recording is 0\.6 t_c long"):
         actions(forcing=str(tmp_path), duration=2.0)
     own = run_metadata.config
     slower = replace(run_metadata, config=replace(own, flow=replace(own.flow, control_period=0.1)))

@@ -41,7 +41,7 @@ BEFORE = {
     "--ecu c --set bus.key=k.pem": "k.pem: cannot read the key",
     "--ecu c --library nowhere": "library nowhere: No such file or directory",
     # What the bundle fixes, and what a run does not use.
-    "--set mpc.iterations=50": "mpc.iterations = 50: fixed when the bundle was exported, to 5; make another",
+    "--set mpc.iterations=50": "mpc.iterations = 50: this setting is fixed to 5 in the bundle; make another",
     "--set train.epochs=3": "--set train.epochs: `run` does not use it",
     "--set bus.channel=can0": "--set bus.channel: `run` does not use it",
     "--set openfoam.refinement=0.5": "--set openfoam.refinement: `run` does not use it",
@@ -80,7 +80,7 @@ def test_given_weights_take_the_place_of_the_bundles_and_other_settings_must_be_
     path.write_text(f"[mpc]\nhorizon = {ours.horizon}\n[mpc.weights]\nlift = 3\n")
     assert asked_calibration(load(path), release).weights.lift == 3.0
     path.write_text("[mpc]\nhorizon = 7\n")
-    with pytest.raises(ConfigError, match=r"mpc\.horizon = 7: fixed when the bundle was exported, to 8; .*horizon=7`"):
+    with pytest.raises(ConfigError, match=r"mpc\.horizon = 7: this setting is fixed to 8 in the bundle; .*horizon=7`"):
         asked_calibration(load(path), release)
 
 
@@ -171,7 +171,7 @@ def test_a_reduction_that_is_not_reached_ends_with_status_4(run_metadata, capsys
     with pytest.raises(typer.Exit) as ended:
         exit_with(log, 20.1)
     assert ended.value.exit_code == 4
-    assert "--require-reduction 20.1: not reached, it is 20.00 %" in capsys.readouterr().out
+    assert "--require-reduction 20.1: not reached, the reduction is 20.00 %" in capsys.readouterr().out
     with pytest.raises(typer.Exit) as ended:
         exit_with(shedding_log(run_metadata, modes={3: Mode.FAULT}, reasons={3: Reason.DEADLINE}), None)
     assert ended.value.exit_code == 3

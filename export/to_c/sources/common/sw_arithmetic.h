@@ -23,7 +23,7 @@ static inline uint32_t sw_other(float value, uint32_t bits) { return sw_to_bits(
 /* Returns 0 if the number differs from these bits by at most a few units in the last place, as fusing may cause. */
 static inline uint32_t sw_far(float value, uint32_t bits) { return (sw_to_bits(value) - bits + 4u) & ~7u; }
 
-/* Returns whether products are added without rounding. A product that would round to 1, minus 1, is then not 0. */
+/* Returns whether products are added without rounding. A product that rounds to 1 then differs from 1 in a sum. */
 static inline int sw_float_fused(void)
 {
     const float one = sw_unknown(1.0f), above = sw_unknown(1.00012207f), below = sw_unknown(0.99987793f);

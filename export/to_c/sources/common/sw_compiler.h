@@ -1,5 +1,5 @@
-/* This header rejects compiler flags that change arithmetic so that control would be wrong, if predefined macros show
- * them. A known answer detects the other flags (sw_arithmetic.h). GCC and Clang each predefine some of these macros.
+/* This header rejects compiler flags that make control wrong by changing the arithmetic, if a predefined macro shows
+ * the flag. A known answer detects the other flags (sw_arithmetic.h). GCC and Clang each predefine some of the macros.
  */
 #ifndef SW_COMPILER_H
 #define SW_COMPILER_H

@@ -47,7 +47,7 @@ static inline int sw_all_finite(const float *values, int count)
  */
 static inline float sw_exp(float x)
 {
-    const float magic = 12582912.0f; /* 1.5 * 2^23: adding it rounds to an integer, in the sum's low bits */
+    const float magic = 12582912.0f; /* 1.5 * 2^23: after adding it, the sum's low bits are the rounded integer */
     const float held = sw_min(sw_max(x, -87.0f), 88.0f);
     const float shifted = held * 1.44269504f + magic;
     const float n = shifted - magic;

@@ -18,7 +18,7 @@ void sw_decode(struct sw_workspace *work);
 /* Computes work->d_latents from work->d_forces: dJ/d(latent states), through the forces alone. */
 void sw_decode_adjoint(struct sw_workspace *work);
 
-/* Adds to work->gradient the derivative of J by each action through the latent states. */
+/* Adds to work->gradient the part of dJ/da that acts through the latent states. */
 void sw_roll_out_adjoint(struct sw_workspace *work);
 
 #endif

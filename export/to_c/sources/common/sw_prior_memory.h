@@ -20,7 +20,7 @@
 
 /* The prior's members of sw_weights. For each filter, prior_filter_rows has the first row of the past that the filter
  * reads, and the number of rows. prior_filter has the rows' weights, filter by filter. For each input of a unit,
- * prior_first has one weight per scheduling variable. prior_sums has the gates' weights of the sums. prior_first and
+ * prior_first has one weight per scheduling variable. prior_sums has the gates' weights for the sums. prior_first and
  * prior_sums must be multiplied by scales, which are 1 in a float32 library.
  */
 #define SW_PRIOR_NUMBERS                                                                        \

@@ -3,7 +3,7 @@
  * A matrix before a norm is stored centred: its mean over the outputs is subtracted, so that the norm's input u has
  * mean zero. The norm is then xhat = r * u with r = 1 / sqrt(mean(u^2) + eps), and h = ELU(y) with y = gain * xhat +
  * offset. The adjoint needs xhat and slope = ELU'(y) * gain * r: with t = slope * dJ/dh, it is dJ/du = t - xhat *
- * mean(t * xhat). The missing projection onto mean zero is already in the centred matrix.
+ * mean(t * xhat). This dJ/du lacks the subtraction of its mean, which the centred matrix already contains.
  *
  * Padding stays zero, because u, gain and offset are zero in the padding.
  */

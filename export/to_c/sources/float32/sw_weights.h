@@ -13,7 +13,7 @@ typedef float sw_prior_number; /* type of the prior's matrices (sw_prior_memory.
 
 /* The parameters are read in place: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_weights {
-    /* Scaling: the encoder reads (value - mean) * factor of a window's column; a force is mean + std * output. */
+    /* Scaling: the encoder reads (value - mean) * factor for each column; a force is mean + std * output. */
     SW_ALIGNED float window_mean[SW_SENSORS + 1];
     SW_ALIGNED float window_factor[SW_SENSORS + 1];
     SW_ALIGNED float force_mean[2];
@@ -58,7 +58,7 @@ typedef struct sw_weights {
     SW_ALIGNED float adam_unbias[SW_ITERATIONS];
     SW_ALIGNED float adam_epsilon;
     SW_ALIGNED float default_weights[SW_TERMS];
-    SW_ALIGNED float known_answer[2]; /* first action and cost in sw_known_answer.c; zeros if unknown */
+    SW_ALIGNED float known_answer[2]; /* expected action and cost in sw_known_answer.c; zeros if unknown */
     SW_PRIOR_NUMBERS
 } sw_weights;
 

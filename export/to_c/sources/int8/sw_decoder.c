@@ -29,7 +29,7 @@ static CALLED void multiply(sw_decoder_scratch *s, const int8_t *matrix, int row
     }
 }
 
-/* Saturates a layer's input. A layer with the full int16 range also permits the most negative integer. */
+/* Saturates a layer's input. If the layer uses the full int16 range, -32768 is also allowed. */
 static inline int16_t held(int32_t value)
 {
     const int32_t qmax = SW_QMAX(SW_DECODER_P);
@@ -94,7 +94,7 @@ static CALLED void decode_steps(sw_workspace *work, int first, int count)
     }
 }
 
-/* Writes x + sums to both arrays. Returns their new unit, four times the coarser unit, so that no sum overflows. */
+/* Writes x + sums to both arrays. Returns the sums' unit, four times the coarser unit, so that no sum overflows. */
 static float add_adjoints(int32_t *restrict x, float unit, int32_t *restrict sums, float unit_of_sums)
 {
     const float coarser = 4.0f * sw_fmax(unit, unit_of_sums);

@@ -20,7 +20,7 @@ static inline __m256i sw_with_tile(__m256i sums, const int8_t *tile, __m256i vec
 
 static inline void sw_store_rows(int32_t *y, __m256i sums)
 {
-    const __m256i pairs = _mm256_hadd_epi32(sums, sums); /* rows 0 and 1 twice, rows 2 and 3 twice */
+    const __m256i pairs = _mm256_hadd_epi32(sums, sums); /* sums of the rows 0, 1, 0, 1, 2, 3, 2, 3 */
     _mm_storeu_si128((__m128i *)(void *)y,
                      _mm_unpacklo_epi64(_mm256_castsi256_si128(pairs), _mm256_extracti128_si256(pairs, 1)));
 }

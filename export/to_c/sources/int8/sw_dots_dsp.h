@@ -43,7 +43,7 @@
 
 /* clang-format on */
 
-/* Computes sw_dots for a multiple of sixteen columns. Only sw_decoder.c defines it, as a copy takes 0.4 KiB. */
+/* Computes sw_dots for a multiple of sixteen columns. Only sw_decoder.c has the code, as a copy takes 0.4 KiB. */
 void sw_dots_sixteens(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows, int columns);
 
 static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
@@ -62,7 +62,7 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
 
 /* clang-format off */
 
-/* Multiplies two rows of a tile by both vectors, x and z: eight multiplications between other instructions. */
+/* Multiplies two rows of a tile by both vectors, x and z. Eight multiplications alternate with other instructions. */
 #define SW_TWO_ROWS                                                                                          \
     "smlad %[s0], %[t], %[za], %[s0]\n" "ldr %[u], [%[w]], #12\n"                                           \
     "smlad %[s1], %[t], %[xa], %[s1]\n" "sxtb16 %[wa], %[wa], ror #8\n"                                     \
@@ -75,7 +75,7 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
 
 /* Multiplies pairs of rows by both vectors; every second pair begins in the middle of a tile. The stack has y at 0, the
  * number of rows left at 4, the bytes by which w and x advance in a row of tiles (with loads ahead) at 8 and 12, the
- * address of w after the last tile at 16, and the alternating distance from there to the next pair at 20.
+ * address of w after the last tile at 16, and at 20 the distance from this address to the next pair, which alternates.
  */
 #define SW_TWO_ROWS_TWICE(tiles)                                                                                 \
     __asm__ volatile("sub sp, #24\n" "strd %[s0], %[s1], [sp]\n" "strd %[s2], %[s3], [sp, #8]\n"           \

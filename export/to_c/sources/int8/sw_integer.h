@@ -50,7 +50,7 @@ static inline int32_t sw_scaled_on(int32_t start, int32_t factor, int16_t value)
 /* Truncates a number to an integer, limited to the range of integers. */
 static inline int32_t sw_cut(float value) { return (int32_t)sw_fmin(sw_fmax(value, -2147483648.0f), 2147483520.0f); }
 
-/* Returns a factor for sw_scaled, limited to the largest possible factor. */
+/* Converts a number to a factor for sw_scaled, limited to the largest possible factor. */
 static inline int32_t sw_factor(float value) { return (int32_t)sw_fmin(value * 4294967296.0f, 2147483520.0f); }
 
 /* Converts a 64-bit sum to float without a library function. */

@@ -38,8 +38,8 @@ static inline float sw_norm_elu(int32_t *restrict sums, sw_tape_eight *restrict 
     return r;
 }
 
-/* A scale for rounding numbers within a bound to integers within `top`. `factor` is top / bound, and `scaled` is this
- * factor for sw_scaled. A number must first be shifted left by `shift`, so that sw_scaled loses no digit.
+/* A scale for rounding numbers within a bound to integers within `top`. `factor` is top / bound, and `scaled` is the
+ * same factor for a number that is first shifted left by `shift`, so that sw_scaled loses no digit.
  */
 typedef struct {
     float factor;

@@ -11,7 +11,7 @@
 static inline int16_t sw_between(const uint32_t *points, int32_t x, int32_t step)
 {
     const uint32_t point = points[x / step];
-    const int32_t rise = (int32_t)point >> 16; /* no point is negative, so that shift and product are one instruction */
+    const int32_t rise = (int32_t)point >> 16; /* signed, so that shift and product are one instruction */
     return (int16_t)(point + (uint32_t)(rise * (x % step) + step / 2) / (uint32_t)step);
 }
 

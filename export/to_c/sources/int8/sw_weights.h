@@ -20,9 +20,9 @@
 extern const uint32_t sw_elu_points[2 * SW_ELU_START / SW_ELU_STEP];
 extern const uint32_t sw_logistic_points[2 * SW_LOGISTIC_START / SW_LOGISTIC_STEP];
 
-/* Constants of outputs, grouped in eights: value = sum * scale + bias. Before a norm all constants are integers. The
- * value in a unit of its layer is sw_scaled(sum, scale) + bias, and the argument of sw_elu is sw_scaled_on(offset,
- * gain, xhat). Here xhat is an integer of the tape; SW_XHAT_QMAX stands for its bound, sqrt(n) in a layer of width n.
+/* Constants of outputs, grouped in eights: value = sum * scale + bias. Before a norm all constants are integers: the
+ * value is sw_scaled(sum, scale) + bias in the layer's unit, and the argument of sw_elu is sw_scaled_on(offset, gain,
+ * xhat). Here xhat is the integer on the tape. SW_XHAT_QMAX represents sqrt(n), the largest xhat for a layer's width n.
  */
 enum { SW_SCALE, SW_BIAS, SW_GAIN, SW_OFFSET };
 
@@ -38,7 +38,7 @@ typedef int8_t sw_prior_number; /* type of the prior's matrices (sw_prior_memory
 
 /* The parameters are read in place: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_weights {
-    /* Scaling: the encoder reads (value - mean) * factor of a window's column; a force is mean + std * output. */
+    /* Scaling: the encoder reads (value - mean) * factor for each column; a force is mean + std * output. */
     SW_ALIGNED float window_mean[SW_SENSORS + 1];
     SW_ALIGNED float window_factor[SW_SENSORS + 1];
     SW_ALIGNED float force_mean[2];
@@ -51,7 +51,7 @@ typedef struct sw_weights {
      */
     SW_ALIGNED int8_t lstm_input_rows[4 * SW_LSTM_P * SW_ROW_P + SW_AHEAD];
     SW_ALIGNED int8_t lstm_hidden_rows[4 * SW_LSTM_P * SW_LSTM_P + SW_AHEAD];
-    SW_ALIGNED float lstm_channel[4 * SW_LSTM_P / 8][3][8]; /* input scale, hidden scale, bias of a table's argument */
+    SW_ALIGNED float lstm_channel[4 * SW_LSTM_P / 8][3][8]; /* input scale, hidden scale and bias of table arguments */
     SW_ALIGNED float encoder_gain[SW_LSTM_P];
     SW_ALIGNED float encoder_offset[SW_LSTM_P];
     SW_ALIGNED int8_t head_rows[SW_HEAD_P * SW_LSTM_P + SW_AHEAD];
@@ -100,7 +100,7 @@ typedef struct sw_weights {
     SW_ALIGNED float adam_unbias[SW_ITERATIONS];
     SW_ALIGNED float adam_epsilon;
     SW_ALIGNED float default_weights[SW_TERMS];
-    SW_ALIGNED float known_answer[2]; /* first action and cost in sw_known_answer.c; zeros if unknown */
+    SW_ALIGNED float known_answer[2]; /* expected action and cost in sw_known_answer.c; zeros if unknown */
     SW_PRIOR_NUMBERS
 } sw_weights;
 

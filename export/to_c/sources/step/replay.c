@@ -23,7 +23,7 @@ static sw_output output;
 /* Compilers order operations differently, so results are rounded differently. A gradient near zero may then change its
  * sign, so that a step of Adam goes in the opposite direction. The size of a step is the learning rate, 1e-3. The
  * effect of such steps on the forces depends on the plant, so forces are compared in units of their standard deviation
- * in training. No answer starts from an earlier plan, because a sequence of steps can amplify differences.
+ * in training. No compared answer starts from an earlier plan, because a sequence of steps can amplify differences.
  */
 static const double tolerance = 5e-3, force_tolerance = 3e-2;
 

@@ -56,7 +56,7 @@ typedef enum {
     SW_WRONG_ARITHMETIC = 2 /* this build or the processor's present mode does not follow IEEE 754; the plan is zeros */
 } sw_status;
 
-/* Checks by a known answer whether sums, divisions and small numbers follow IEEE 754. Returns SW_OK or
+/* Checks with a known answer whether sums, divisions and small numbers follow IEEE 754. Returns SW_OK or
  * SW_WRONG_ARITHMETIC. Some compiler flags (-ffast-math and its parts) and processor modes (small numbers taken as
  * zero, another rounding) change the arithmetic. Every control step also makes this check.
  */
@@ -74,9 +74,9 @@ void sw_input_push(sw_input *input, const float pressures[SW_SENSORS], float pre
 sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output);
 
 /* Computes a window from the program's scaling, runs a control step with all iterations on it, and compares the result
- * with the exporter's answer. Call it once at the start. Returns SW_WRONG_ARITHMETIC if result and answer differ in any
- * bit or, in a build that fuses operations, by more than fusing explains. Otherwise, or if the exporter wrote no
- * answer, returns the step's status. Resets `input` as sw_input_reset does.
+ * with the exporter's answer. Call this function once at start-up. Returns SW_WRONG_ARITHMETIC if result and answer
+ * differ in any bit or, in a build that fuses operations, by more than fusing explains. Otherwise, or if the exporter
+ * wrote no answer, returns the step's status. Resets `input` as sw_input_reset does.
  */
 sw_status sw_known_answer(sw_workspace *work, sw_input *input, sw_output *output);
 

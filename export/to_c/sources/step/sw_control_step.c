@@ -51,8 +51,8 @@ static void adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], 
     }
 }
 
-/* Computes the cost weights for the iterations, and returns whether iterations are needed. The prior's plan is already
- * the best for the terms with which the prior was trained (contract/controller/goal.py), so they get the weight 0.
+/* Computes the cost weights for the iterations, and returns whether iterations are needed. The prior takes into
+ * account the terms for which it was trained (contract/controller/goal.py), so these terms get the weight 0.
  */
 static int asked_of_iterations(float asked[SW_TERMS], const float weights[SW_TERMS])
 {
@@ -66,7 +66,7 @@ static int asked_of_iterations(float asked[SW_TERMS], const float weights[SW_TER
 #endif
     for (int i = 0; i < SW_TERMS; i++) any |= asked[i] > 0.0f || asked[i] < 0.0f;
 #else
-    any = 1; /* without a prior, the initial plan may exceed the action limit; iterations clip free actions */
+    any = 1; /* the iterations also clip free actions, which may exceed the limit without a prior */
 #endif
     return any;
 }

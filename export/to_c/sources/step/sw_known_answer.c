@@ -5,12 +5,12 @@
 #include "sw_arithmetic.h"
 #include "sw_weights.h"
 
-/* Largest change by fused operations: this number (as in replay.c), plus this share of the answer. */
+/* Fused operations may change an answer by FUSED (as in replay.c) plus FUSED times its magnitude. */
 #define FUSED 5e-3f
 
 /* Computes a window from the program's scaling, so that no stored data are needed. Each value is the column's mean plus
- * -5 to 5 steps of 3/8 of a standard deviation; the series differs from column to column. All weights are 1, so that
- * the iterations run.
+ * i * 3/8 standard deviations, with an integer i from -5 to 5 that depends on row and column. All weights are 1, so
+ * that the iterations run.
  */
 static void ask(const sw_program *program, sw_input *input)
 {

@@ -13,7 +13,7 @@ enum { ONE, SLOWER, FASTER, EFFORT, LIFT, LIMIT };
 #error "six weights of a unit on an input are added up here"
 #endif
 
-/* Returns the square root of weight / dearest, but at most 1. The prior supports weights up to `dearest`. */
+/* Returns the square root of weight / dearest, but at most 1. The prior was trained for weights up to `dearest`. */
 static float root_of(float weight, float dearest)
 {
     if (weight < dearest) return sw_sqrt(weight / dearest);
