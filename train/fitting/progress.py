@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 
 class Phase(StrEnum):
-    """The phases of a training, in order; a phase's value is also the name of its checkpoint file."""
+    """The phases of a training, in order. The checkpoint file of a phase is called by the phase's value."""
 
     label: str
     """Name of the phase in messages."""

@@ -22,13 +22,13 @@ RUN_PERIODS: Final = 900
 RAMP: Final = 40
 """Number of periods over which the speed changes from the design speed to a run's first speed."""
 CHANGE: Final = 1e-3
-"""Mean change of the speed in a period of a ramp, in design speeds. A ramp over the full range then takes 16 s."""
+"""Mean change of speed per period of a ramp, in units of the design speed. A ramp over all speeds then takes 16 s."""
 SPEEDS_BEYOND: Final = 0.2
-"""Distance by which a drawn speed may exceed the range of speeds, as a share of the range."""
+"""Distance by which a drawn speed may lie outside the range of speeds, as a share of the range."""
 MOST_WRONG: Final = 0.12
 """Largest error of a told speed, as a share of the true speed."""
 DESIGN_SPEED_EVERY: Final = 8
-"""Every n-th run (n is this value) has the design speed, correctly told: a release is judged first at this speed."""
+"""In every n-th run (n is this value), true and told speed are the design speed, at which a release is judged first."""
 RIGHT_SHARE: Final = 0.3
 """Probability that the told speed is right in each of the other runs."""
 OFFSET: Final = 0.02
@@ -41,13 +41,13 @@ WEIGHT_COST: Final = 1e-3
 
 
 def wrong_speeds(number: int, slowest: float, fastest: float, *, seed: int) -> tuple[Array, Array]:
-    """Draw the speeds of the run with this number: steady parts and ramps within the range, and a told speed with a
-    constant ratio to the true speed, limited to the range. Returns the true speeds (n + 1,) at the samples of n control
-    periods, in units of the design speed and beginning with 1, and the ratios (n,)."""
+    """Draw the speeds of the run with this number. The true speed has steady parts and ramps within the range. The told
+    speed is a constant multiple of the true speed, but limited to the range. Returns the true speeds (n + 1,) at the
+    samples of n control periods, in units of the design speed and beginning with 1, and told / true speed (n,)."""
     if number % DESIGN_SPEED_EVERY == 0:
         return np.ones(RUN_PERIODS + 1), np.ones(RUN_PERIODS)
     rng = np.random.default_rng([seed, number])
-    # A drawn speed may exceed the range and is then limited to the range, so that the ends of the range are frequent.
+    # A drawn speed outside the range is limited to the range, so that the ends of the range are frequent.
     beyond = SPEEDS_BEYOND * (fastest - slowest)
 
     def draw() -> float:
@@ -110,7 +110,7 @@ def fit(found: Sequence[tuple[Array, Array]], pairs: int, *, seed: int) -> tuple
     all_terms, right = np.concatenate(equations), np.concatenate(wanted)
     scaled, middle = all_terms[:, :-1], right.mean()
     mean, deviation = scaled.mean(axis=0), scaled.std(axis=0)
-    # Some terms are always 0 without control, so their deviation is 0.
+    # If the jets stay shut in all runs, some terms are always 0, so their deviation is 0.
     deviation[deviation == 0.0] = 1.0
     scaled = (scaled - mean) / deviation
     normal = scaled.T @ scaled + WEIGHT_COST * len(scaled) * np.eye(scaled.shape[1])
