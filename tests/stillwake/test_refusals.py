@@ -155,7 +155,7 @@ WITH_THE_PLANT = {
     "record a.h5 --from-steady x.npz --state d.npz": "--state: does not go with --from-steady",
     "record a.h5 --from-steady x.npz --overwrite": "--overwrite does not go with --from-steady",
     "record a.h5 --from-steady x.npz --amplitudes 0.2 0.1": "0.2: must not exceed the largest, 0.1",
-    "record a.h5 --set flow.reynolds=1000": "start_re1000.npz --set flow.reynolds=1000` makes a state that fits",
+    "record a.h5 --set flow.reynolds=1000": "start_re1000.npz --set flow.reynolds=1000` makes a file for --state",
     f"record a.h5 --from-steady {developed()}": "not the steady wake: velocities differ from their mirror image",
     "run r --plant openfoam": "needs OpenFOAM's icoFoam: install the Debian package `openfoam`",
     "run r --bundle damaged": "controller.onnx was altered",

@@ -22,8 +22,8 @@ from wake.solver.grid import Component, Flow, Grid
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
-# After an impulsive start, the time step must be small until the first transients have left the leading edge. Each pair
-# is (dt, number of steps); a plant with a shorter time step takes more steps in the same time.
+# After an impulsive start, the time step must be small until the first transients have left the leading edge. A pair is
+# (dt, number of steps). A plant whose own time step is shorter takes more steps for the same time.
 _RAMP: Final = ((1e-4, 200), (1e-3, 200), (2e-3, 1000), (4e-3, 500))
 _KICK_STEPS: Final = 50
 _KICK_AMPLITUDE: Final = 2.0 / 3.0
@@ -106,8 +106,8 @@ def moved(
 
 
 TOLERANCE: Final = 1e-6
-"""Rate of change below which a wake counts as steady, in U_inf / t_c for velocity and in 1 / t_c for drag. These rates
-fall by a factor e in 23 t_c, so the forces are then accurate to 1e-5."""
+"""Rate of change below which a wake counts as steady, in U_inf / t_c for velocity and in 1 / t_c for drag. The forces
+are then accurate to 1e-5, because these rates fall by a factor e in 23 t_c."""
 
 
 _UNEVEN: Final = 1e-9
@@ -147,8 +147,8 @@ def settle(
             break
     else:
         raise PlantError(
-            f"the symmetric wake is not steady after {longest:g} t_c: max |du/dt| = {velocity_rate:.2g}, "
-            f"|dCd/dt| = {drag_rate:.2g}, must be below {tolerance:g}"
+            f"the symmetric wake is not steady after {longest:g} t_c: max |du/dt| = {velocity_rate:.2g} and "
+            f"|dCd/dt| = {drag_rate:.2g} must be below {tolerance:g}"
         )
     time = wake.t
     state = replace(wake.state(), substep=0, action=0.0)
