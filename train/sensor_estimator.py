@@ -58,7 +58,7 @@ def fit_estimator(
     if not used:
         raise DatasetError(f"no training episode is longer than the window of {window} control steps")
     learned = [item.rows(columns) for item in used]
-    # Mirror images would add another sensor's values to the column of a dead sensor, so they are not checked.
+    # Mirror images are not checked, because they would add another sensor's values to a dead sensor's column.
     for name, spread in zip((*sensors, "the action"), np.ptp(np.concatenate(learned), axis=0), strict=True):
         if spread == 0.0:
             raise DatasetError(f"{name} is constant in all training episodes: nothing to learn from")

@@ -162,7 +162,7 @@ WITH_THE_PLANT = {
     "run r --bundle unsigned --set operating_point.speed=20.0": "operating point",
     "mcu nowhere": "nowhere: No such file or directory",
     "picture a.png --sensors upper_99": "unknown sensor 'upper_99'",
-    "picture a.png --state state0": "state0: not a flow state (damaged or not an NPZ file",
+    "picture a.png --state state0": "state0 is not a flow state (damaged or not an NPZ file",
     "picture a.gif --settle 30": "--settle 30.0: must be shorter than the run of 25 t_c",
 }
 """Calls that are refused by what they build or load."""

@@ -40,8 +40,8 @@ def encode_all(encoder: Encoder, rows: Rows) -> Tensor:
 
 
 _MORE = 8
-"""Batch size of the passes over a stream, divided by the batch size of the passes over windows. A stream needs larger
-batches, because its neighbouring latents are similar. They take little time to compute."""
+"""Batch size of the passes over streams, divided by the batch size of the passes over windows. Neighbouring latents of
+a stream are similar, so more latents are needed, but each takes little time to compute."""
 
 
 def distil(
@@ -58,9 +58,9 @@ def distil(
     Raises DatasetError if an episode has fewer than L rows or, with `train.stream_epochs`, L - 1 + `STRETCH` rows.
 
     The first passes read streams (this project's method): sequences of L - 1 + `STRETCH` rows, in which the LSTM starts
-    from a zero state and is not reset. Each row takes one LSTM step, but L steps in windows. The last `STRETCH` latents
-    are used. An encoder that is trained in this way also reads windows well. The later passes read windows, as the
-    vehicle does.
+    from a zero state and is not reset. A latent then takes one LSTM step, instead of L steps for a window. The last
+    `STRETCH` latents are used. An encoder that is trained in this way also reads windows well. The later passes read
+    windows, as the vehicle does.
     """
     settings, device = config.train, rows.inputs.device
     target = encode_all(teacher, rows)
@@ -84,7 +84,7 @@ def distil(
 
         if settings.stream_epochs:
             fit(Phase.STREAM, slim.encode_stream, settings.stream_epochs, STRETCH, settings.batch_size * _MORE)
-        # Windows are drawn independently, so none overlap. Overlapping windows would share the products of rows and
-        # input weights, but these products take little time, because a slim encoder has few sensors.
+        # Each segment is a single window. Segments of overlapping windows would share the products of rows and input
+        # weights, but these products take little time, because a slim encoder has few sensors.
         fit(Phase.DISTIL, slim.encode_segments, settings.distil_epochs, 1, settings.batch_size)
     return slim

@@ -153,7 +153,7 @@ def _lesson(teacher: WakeModel, latent: Tensor, actions: Tensor, scaling: Scalin
 
 
 _FEWER = 4
-"""Divisor of the batch size (`train.batch_size`) for roll-outs. A roll-out has H predictions, so fewer are enough."""
+"""Divisor of `train.batch_size` for roll-outs. A roll-out has H predictions, so fewer roll-outs are enough."""
 
 
 def distil_predictor(

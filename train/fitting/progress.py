@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 
 class Phase(StrEnum):
-    """The phases of a training, in order. The checkpoint file of a phase is called by the phase's value."""
+    """The phases of a training, in order. A phase's checkpoint file is called by its value and `.pt`."""
 
     label: str
     """Name of the phase in messages."""

@@ -27,14 +27,14 @@ def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Sc
     """Fit means and standard deviations to the episodes and, if the sensors have mirror images, also to the episodes'
     mirror images.
 
-    The mirror image (y -> -y) permutes the sensors and changes the signs of action and lift. The statistics are then
-    symmetric, and mirroring commutes with scaling. Otherwise, Cl may have a nonzero mean. The action has mean 0 and is
-    divided by its rms. Raises DatasetError if a sensor, the action or a force is constant.
+    The mirror image (y -> -y) permutes the sensors and changes the signs of action and lift. So the statistics with
+    mirror images are symmetric, and mirroring commutes with scaling. Without mirror images, Cl may have a nonzero mean.
+    The action is only divided by its rms. Raises DatasetError if a sensor, the action or a force is constant.
     """
     pressure = np.concatenate([episode.series["Cp"] for episode in episodes])
     action = np.concatenate([episode.series["action"] for episode in episodes])
     drag, lift = (np.concatenate([episode.series[name] for episode in episodes]) for name in ("Cd", "Cl"))
-    # Mirror images would add another sensor's values to the column of a dead sensor, so they are not checked.
+    # Mirror images are not checked, because they would add another sensor's values to a dead sensor's column.
     for name, values in zip(layout.names, pressure.T, strict=True):
         _refuse_constant(f"sensor {name}", values)
     for name, values in (("action", action), ("Cd", drag), ("Cl", lift)):
@@ -68,7 +68,7 @@ class Rows:
         actions: (n,) a_k.
         forces: (n, 2) Cd, Cl.
         lengths: number of rows of each episode, in order; the sum is n.
-        unit: (N,) rms of all sensors' standard deviations (paper, appendix B), divided by each sensor's own.
+        unit: (N,) rms of all sensors' standard deviations (paper, appendix B), divided by the sensor's deviation.
         layout: layout of the sensors, in the order of their columns.
         names: name of each episode, in order.
     """

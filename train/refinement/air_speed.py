@@ -1,7 +1,7 @@
 """The fit of the air-speed estimate: a linear regression over closed loops in which a prior is told wrong speeds.
 
-True and told speeds are drawn at random. From means of products of pressures and actions, the regression estimates the
-logarithm of told speed / true speed (`contract.controller.air_speed`).
+True and told speeds are drawn at random. The regression estimates the logarithm of told speed / true speed from means
+of products of pressures and actions (`contract.controller.air_speed`).
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ OFFSET: Final = 0.02
 """Standard deviation, in Cp, of the random offset of a pair's sum. A run is used `COPIES` times, with new offsets."""
 COPIES: Final = 4
 EVERY: Final = 10
-"""Number of periods between two equations of the regression; the means change little in this time."""
+"""Number of periods between two equations of the regression. The inputs, running means, change little in this time."""
 WEIGHT_COST: Final = 1e-3
 """The ridge parameter, relative to the number of equations, for terms with a variance of 1."""
 
@@ -88,7 +88,7 @@ def run(
     differences, sums = rows[:, 1:, :pairs], rows[:, 1:, pairs:-1]
     window = np.empty_like(rows[:, 1:])
     window[..., 0:-1:2], window[..., 1:-1:2] = (sums + differences) / 2.0, (sums - differences) / 2.0
-    # A row of the ECU has the action in force at its sample; here a row has the action that starts at its sample.
+    # In a row of the ECU, the action is the action in force at the row's sample; in `rows` it is the next action.
     window[..., -1] = rows[:, :-1, -1]
     return features(window), np.log(told[-len(read) :])
 

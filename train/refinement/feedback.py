@@ -133,7 +133,7 @@ class Feedback(nn.Module):
             self.gate[:, :units] = torch.from_numpy(np.hstack([gate, SUM * by_sum]).T.copy())
 
     def as_prior(self) -> dict[str, Array]:
-        """Return this feedback as a prior's tensors without the predictor; the weights include scales and means."""
+        """Return this feedback as a prior's tensors without the predictor, for rows that are not scaled or centred."""
         count, scheduled = self._filters.shape[1], len(SCHEDULED)
         first, gate = self.first.detach().numpy(), self.gate.detach().numpy()
         by_unit = np.moveaxis(first.reshape(scheduled, count, len(self._scales), -1), -1, 1)

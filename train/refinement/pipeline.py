@@ -213,7 +213,7 @@ def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:
         raise DatasetError("the sensors have no mirror images: a prior reads the differences between mirror images")
     columns = layout.indices(sensors)
     if len(sensors) < 2 or len(sensors) % 2:
-        raise DatasetError(f"{len(sensors)} sensors: they must be pairs of mirror images")
+        raise DatasetError(f"the {len(sensors)} sensors must be pairs of mirror images")
     for first, second in zip(columns[::2], columns[1::2], strict=True):
         if layout.mirror[first] != second or first == second:
             raise DatasetError(

@@ -138,8 +138,8 @@ def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:
     """
     mirror = layout.mirror
     if mirror is None or not layout.base.size:
-        lacking = "mirror images" if mirror is None else "base"
-        raise ConfigError(f"train.selection = 'hand': these sensors have no {lacking}; use another method or --sensors")
+        lacking = "mirror images" if mirror is None else "base sensors"
+        raise ConfigError(f"train.selection = 'hand' needs {lacking}: use another method or --sensors")
     x, y = layout.positions.T
     on_base = np.isin(np.arange(len(layout)), layout.base)
     paired = mirror != np.arange(len(layout))

@@ -198,5 +198,5 @@ class _Packed(nn.Module):
 def _draw(rows: Rows, window: int, count: int, purpose: str, generator: np.random.Generator) -> Tensor:
     firsts = rows.first_rows(window)
     if len(firsts) < count:
-        raise DatasetError(f"recording has {len(firsts)} windows, too few to draw {count} {purpose} samples")
+        raise DatasetError(f"the recording has {len(firsts)} windows: too few for {count} {purpose} samples")
     return rows.windows_at(generator.choice(firsts, count, replace=False), window)

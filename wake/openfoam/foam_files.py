@@ -107,7 +107,7 @@ def parse_cells(content: bytes, name: str) -> Array:
     size = 8 * width * count
     values = content[listing.end() : listing.end() + size]
     if len(values) < size:
-        raise PlantError(f"{name}: is truncated: has {len(values)} of the field's {size} bytes")
+        raise PlantError(f"{name} is truncated: it has {len(values)} of the field's {size} bytes")
     flat = np.frombuffer(values, dtype="<f8").astype(np.float64)
     return flat if width == 1 else flat.reshape(count, width)
 

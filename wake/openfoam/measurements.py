@@ -63,7 +63,7 @@ class Instruments:
         acceleration in U_inf / t_c. Raises PlantError if a reading is not finite, or if the number of readings is not
         the mesh's number of probes."""
         if readings.pressures.shape != (self._weights.shape[1],):
-            raise PlantError(f"{readings.pressures.size} pressures read, but the mesh needs {self._weights.shape[1]}")
+            raise PlantError(f"{readings.pressures.size} pressures were read for {self._weights.shape[1]} probes")
         readings.require_finite(t)
         cp = self._weights @ (readings.pressures + acceleration * self._upstream)
         forces = readings.forces.copy()

@@ -86,7 +86,7 @@ def truck_mesh(refinement: float = 1.0) -> Mesh:
     tail = np.column_stack([ring[: len(wake_x), 0][::-1], inner, ring[-len(wake_x) :, 0]])
     core = np.stack(np.meshgrid(wake_x, across[1:-1], indexing="ij"), axis=-1)
     points = np.vstack([around.reshape(-1, 2), core.reshape(-1, 2)])
-    # The lines around the body run from the lower to the upper outlet, so that the flow is on their left.
+    # The lines around the body run from the outlet's lower part to its upper part, so that the flow is on their left.
     cells = np.vstack([_quads(ring), _quads(tail)])
     cells = cells[_renumbering(cells, len(points))]
 
@@ -149,8 +149,8 @@ def _grid(x: npt.ArrayLike, y: npt.ArrayLike) -> Array:
 
 
 def _quads(block: Index) -> Index:
-    """Return the cells of a structured block of vertices (i, j). The vertices of a cell are counter-clockwise if j runs
-    to the left of i."""
+    """Return the cells of a structured block of vertices (i, j). The vertices of a cell are counter-clockwise if
+    direction j is to the left of direction i."""
     corners = (block[:-1, :-1], block[1:, :-1], block[1:, 1:], block[:-1, 1:])
     return np.stack([corner.ravel() for corner in corners], axis=1)
 

@@ -195,7 +195,7 @@ def developed(
     require_installed()
     mesh, path = truck_mesh(foam.refinement), folder / "developed.npz"
     facts = f"{len(mesh.cells)} cells, Re {config.reynolds:g}, {foam.develop_time:g} t_c at 1/{foam.develop_substeps}"
-    # In states of earlier versions the velocity at the inlet cannot change, so their line lacks this text.
+    # States of earlier versions cannot be used, because their inlet velocity cannot change. Their line lacks this text.
     facts += ", inlet from files"
     if path.is_file():
         kept, made_with = load(path)

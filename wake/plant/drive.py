@@ -137,7 +137,7 @@ def find_drive(text: str, point: OperatingPoint) -> Drive:
 
 
 def read_drive(path: Path, point: OperatingPoint) -> Drive:
-    """Read a drive from a CSV file with the columns of `_HEADER`; raises as `find_drive` does."""
+    """Read a drive from a CSV file with the columns of `_HEADER`. Raises the errors of `find_drive`."""
     rows = list[tuple[float, float]]()
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:

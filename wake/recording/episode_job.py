@@ -330,7 +330,7 @@ def _sha256(path: Path) -> str:
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
-        raise PlantError(f"{path}: not a flow state ({error.strerror or error})") from error
+        raise PlantError(f"{path} is not a flow state ({error.strerror or error})") from error
 
 
 def _state_in(start: Path | None) -> State:

@@ -41,8 +41,8 @@ _SPACING_Y: _Spacing = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Grid:
-    """The coordinates of the faces, and the spacings derived from these coordinates, for nx by ny cells. A grid without
-    a body has only `xf` and `yf`.
+    """The coordinates of the faces, and the spacings derived from these coordinates, for nx by ny cells. Only `xf`
+    and `yf` are needed without a body.
 
     Attributes:
         xf, yf: coordinates of the faces, shapes (nx + 1,) and (ny + 1,).

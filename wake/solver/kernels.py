@@ -106,7 +106,7 @@ def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
     one, half, quarter, nu, a = real(1.0), real(0.5), real(0.25), real(nu), real(a)
     dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
     rdy, rdyc = one / dy, one / dyc
-    # The control volume of a v-face has half of the cell below and half of the cell above: these are their fractions.
+    # The control volume of a v-face is half of the cell below and half of the cell above, in these proportions.
     below, above = half * dy[:-1] * rdyc[1:-1], half * dy[1:] * rdyc[1:-1]
     along = np.empty_like(dyc)
     for r in range(runs.shape[0]):

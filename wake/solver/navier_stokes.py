@@ -193,8 +193,8 @@ _SAFE: Final = 1.7
 
 
 def advice(grid: Grid, before: Flow, viscosity: float, dt: float) -> str:
-    """Return the message for a run from the flow `before` that diverged with the time step `dt`. The message states the
-    largest convective and viscous number of all cells, and a stable time step."""
+    """Return the message for a run that began with the flow `before` and diverged with the time step `dt`. It states
+    the largest convective and viscous number of all cells, and a stable time step."""
     u, v = np.abs(before.faces_u), np.abs(before.faces_v)
     along = np.maximum(u[:-1], u[1:]) / grid.dx[:, None]
     across = np.maximum(v[:, :-1], v[:, 1:]) / grid.dy

@@ -1,5 +1,5 @@
-"""The computation of a developed wake, from fluid at rest or from another grid, and of the steady wake. A start from
-rest, such as the shipped start, takes 100 t_c, because the shedding has to grow first.
+"""The computation of a developed wake, from fluid at rest or from another grid, and of the steady wake. From rest, as
+for the shipped start, a wake takes 100 t_c to develop, because the shedding has to grow first.
 
 The steady wake is the symmetric flow that results if symmetry suppresses shedding. A symmetric flow remains symmetric
 except for rounding errors, which the shedding instability amplifies. After every control period, only the symmetric
@@ -123,8 +123,8 @@ def settle(
     longest: float = 600.0,
     progress: Callable[[float, float], None] = lambda t, rate: None,
 ) -> tuple[State, dict[str, float]]:
-    """Run the symmetric flow from rest, with shut jets, until two rates of change are below `tolerance`: the velocity's
-    rate max |du/dt| or |dv/dt| in U_inf / t_c, and the rate of the drag of wall and slots in 1 / t_c. Raises PlantError
+    """Run the symmetric flow from rest, with shut jets, until two rates of change are below `tolerance`: the largest
+    |du/dt| or |dv/dt| in U_inf / t_c, and the rate of the drag of wall and slots in 1 / t_c. Raises PlantError
     if the flow is not steady after `longest` t_c. `progress` is called with the time and the larger rate after every
     control period.
 
@@ -186,7 +186,7 @@ def check_steady(wake: TruckWake, state: State) -> None:
 
 def recirculation_length(grid: Grid, flow: Flow) -> float:
     """Return the recirculation bubble's length in a steady or mean flow, in W: from the base to the last point on the
-    axis y = 0 where u turns positive; zero if no flow is backward. A bubble that reaches the outlet ends there."""
+    axis y = 0 where u turns positive; zero if no flow is backward. A bubble cannot end behind the outlet."""
     # The axis is a row of faces, so u is stored half a cell below and above the axis.
     above = grid.shape[1] // 2
     speed = flow.faces_u[grid.rear :, above - 1 : above + 1].mean(axis=1)

@@ -128,9 +128,9 @@ def load_state(path: Path) -> State:
             ),
         )
     except KeyError as error:
-        raise PlantError(f"{path}: not a flow state (it lacks {error})") from error
+        raise PlantError(f"{path} is not a flow state (it lacks {error})") from error
     except (OSError, ValueError) as error:
-        raise PlantError(f"{path}: not a flow state ({getattr(error, 'strerror', None) or error})") from error
+        raise PlantError(f"{path} is not a flow state ({getattr(error, 'strerror', None) or error})") from error
 
 
 def developed_state() -> State:

@@ -121,7 +121,7 @@ class Tape(CopiedWhole):
         plant is within a control period."""
         into = self._plant.substeps_into_period
         if into:
-            raise PlantError(f"a tape begins with a control period, but the plant is {into} steps past its start")
+            raise PlantError(f"a tape begins at a control period's start, but the plant is {into} steps after it")
         self._spare += [period.steps for period in self._periods if period.steps is not None]
         self._periods.clear()
         self.memory_mb = 0.0

@@ -52,7 +52,7 @@ def test_a_checkpoint_of_another_run_is_refused(rows, small_config, tmp_path):
     with pytest.raises(DatasetError, match=r"fit\.pt was made from another recording"):
         fit_joint(rows, small_config, checkpoints=replace(kept, identity=replace(IDENTITY, dataset_sha256="1")))
     kept.path(Phase.FIT).write_bytes(kept.path(Phase.FIT).read_bytes()[:1000])
-    with pytest.raises(StillwakeError, match=r"fit\.pt: damaged"):
+    with pytest.raises(StillwakeError, match=r"fit\.pt is damaged"):
         fit_joint(rows, small_config, checkpoints=kept)
 
 

@@ -208,7 +208,7 @@ def test_the_predictor_finds_a_linear_system_and_needs_stretches_longer_than_its
     check_pairs(TRUCK, ("upper_39", "lower_39", "base_0", "base_9"))
     for layout, sensors, error, named in (
         (TRUCK, ("upper_39", "base_0"), DatasetError, "upper_39 and base_0 are not a pair: .* upper_39 is lower_39"),
-        (TRUCK, ("upper_39", "lower_39", "base_0"), DatasetError, "3 sensors: they must be pairs"),
+        (TRUCK, ("upper_39", "lower_39", "base_0"), DatasetError, "3 sensors must be pairs"),
         (TRUCK, ("upper_39", "under"), ConfigError, "unknown sensor 'under'"),
         (replace(TRUCK, mirror=None), ("upper_39", "lower_39"), DatasetError, "have no mirror images"),
     ):

@@ -134,8 +134,8 @@ def test_the_choice_is_symmetric_and_grows_from_the_rear_corners():
     layout = SensorLayout.of(names, places, base=(3, 4, 5))
     order = [names[index] for index in methods.select_by_hand(6, layout)]
     assert order == ["roof", "floor", "top", "bottom", "centre", "nose"]
-    for base, symmetric, message in (((3, 4, 5), False, "have no mirror images"), ((), True, "have no base")):
-        with pytest.raises(ConfigError, match=f"'hand': these sensors {message}"):
+    for base, symmetric, message in (((3, 4, 5), False, "needs mirror images"), ((), True, "needs base sensors")):
+        with pytest.raises(ConfigError, match=f"'hand' {message}"):
             methods.select_by_hand(2, SensorLayout.of(names, places, base=base, symmetric=symmetric))
 
 

@@ -166,7 +166,7 @@ def test_a_start_that_failed_leaves_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(recorder, "TruckWake", diverging)
     with pytest.raises(PlantError, match="flow diverged"):
         record(tmp_path / "new" / "deep" / "a.h5")
-    with pytest.raises(StillwakeError, match=r"start\.npz: not a flow state"):
+    with pytest.raises(StillwakeError, match=r"start\.npz is not a flow state"):
         record(tmp_path / "a.h5", start=tmp_path / "start.npz")
     assert list(tmp_path.iterdir()) == []
 
