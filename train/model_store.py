@@ -67,7 +67,7 @@ def save(path: Path, model: TrainedModel) -> None:
 
 def load(path: Path) -> TrainedModel:
     """Read and verify a model folder. Raises ModelError if the folder is invalid (`contract.model.model_folder.read`),
-    or if its weights do not fit the networks that the description configures; the message names the weight."""
+    or if a weight does not fit the networks of the folder's configuration; the message names the weight."""
     folder = model_folder.read(path)
     about = folder.description
     config = about.config
@@ -124,7 +124,7 @@ def _fill(path: Path, parts: Mapping[str, nn.Module], tensors: Tensors) -> None:
         if tensors[key].shape != tuple(expected[key].shape):
             shape, needed = tuple(tensors[key].shape), tuple(expected[key].shape)
             raise ModelError(
-                f"model {path}: {MODEL_WEIGHTS}: {key} has shape {shape}, the configuration needs {needed}"
+                f"model {path}: {MODEL_WEIGHTS}: {key} has shape {shape}, but the configuration needs {needed}"
             )
     for name, network in parts.items():
         network.load_state_dict({key: torch.tensor(tensors[f"{name}.{key}"]) for key in network.state_dict()})

@@ -66,15 +66,15 @@ def train_all(
             belongs to another recording.
         ConfigError: unknown device, CUDA absent, unknown or repeated sensor, checkpoint of another configuration, or
             fewer than one thread.
-        TrainingError: if the loss does not stay finite.
-        StillwakeError: if `output` cannot be written.
+        TrainingError: the loss or a weight is not finite.
+        StillwakeError: `output` cannot be written.
     """
     with torch_threads(threads):
         where = device_named(device)
         model_folder.check_free(output)
         recording = dataset.read(dataset_path)
         layout = recording.layout
-        # Settings that later phases would reject are checked here, before the first phase takes minutes.
+        # Settings that a later phase would reject are checked before the first phase, which takes minutes.
         _check_selection(config, layout, chosen)
         refuse_unfit(findings(recording, config, choosing=chosen is None), str(dataset_path))
         for line in left_out(recording, config):
@@ -87,9 +87,7 @@ def train_all(
         checkpoints = Checkpoints.of(output, Identity.of(config, digest, device, chosen, threads), resume)
         used = sorted({*unfinished.threads(checkpoints.folder), threads})
         if len(used) > 1:
-            notice(
-                f"torch used {_listed(n for n in used if n != threads)} threads, now {threads}: the model may differ"
-            )
+            notice(f"torch used {_listed(n for n in used if n != threads)} threads, now {threads}: results may differ")
 
         rows = train_rows.to(where)
         teacher = fit_joint(rows, config, progress=progress, checkpoints=checkpoints)
@@ -127,8 +125,8 @@ def deployed(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> tuple[Encoder, Predictor | None]:
-    """Return the networks for the vehicle, on the CPU: an encoder for the named sensors, and slim dynamics and decoder,
-    or None if the settings do not ask for them. `rows` are training rows with all sensors' columns."""
+    """Return the networks for the vehicle, on the CPU: an encoder for the named sensors, and narrower dynamics and
+    decoder, or None if the settings have no slim widths. `rows` are training rows with all sensors' columns."""
     indices = rows.layout.indices(names)
     slim = distil(teacher.encoder, rows, indices, config, progress=progress, checkpoints=checkpoints)
     if not config.model.is_slimmed:

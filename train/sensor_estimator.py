@@ -1,8 +1,8 @@
 """The training of the network for the ECU's sensor check. The network estimates each pressure of a controller from the
 other pressures.
 
-The network learns from the recording's "train" episodes and their mirror images, with noise on the readings and with
-rows that repeat the row before them, as on an ECU that loses frames.
+The network learns from the recording's "train" episodes and their mirror images. Noise is added to the readings. Some
+rows repeat the readings of the previous row, as on an ECU that loses frames.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,14 +26,14 @@ EPOCHS: Final = 60.0
 BATCH: Final = 1024
 LEARNING_RATE: Final = 3e-3
 NOISE: Final = 0.5
-"""Largest standard deviation of the noise, relative to the rms of the sensors' standard deviations. This value is
-multiplied by the square of a uniform draw, so low noise is frequent."""
+"""Largest standard deviation of the noise, relative to the rms of the sensors' standard deviations. For each window it
+is multiplied by the square of a uniform random number, so low noise is frequent."""
 HELD: Final = 0.4
-"""Largest fraction of rows that repeat the row before them."""
+"""Largest fraction of a window's rows that repeat the readings of the previous row."""
 GUST: Final = 0.15
 """Largest relative difference between the air speed and the speed that scales the pressures. Half of the windows have a
-difference. In a gust of 10 %, the mean residual is 0.009 in Cp, but 0.07, four standard deviations of healthy sensors,
-after a training without differences (held-out episodes of the shipped recording, pressures times 1.21)."""
+difference. The mean residual in a gust of 10 % is then 0.009 in Cp. A network trained without differences has 0.07,
+four standard deviations of healthy sensors (held-out episodes of the shipped recording, pressures times 1.21)."""
 WEIGHT_DECAY: Final = 1e-3
 SEED: Final = 0
 """Random seed of initial weights, draws and noise; its value is arbitrary."""
@@ -49,16 +49,16 @@ def fit_estimator(
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> EstimatorNetwork:
     """Fit the estimator for a controller's sensors and window in `epochs` passes over the training windows, with
-    `threads` of torch's threads. Raises ConfigError if the recording lacks a sensor, or for fewer than one thread;
-    DatasetError for too short training episodes, or a constant pressure or action. `progress` is called with (finished
-    batches, all batches)."""
+    `threads` of torch's threads. Raises ConfigError if the recording lacks a sensor, or `threads` is below 1;
+    DatasetError if all training episodes are too short, or a pressure or the action is constant. `progress` is called
+    with (finished batches, all batches)."""
     columns = recording.layout.indices(sensors)
     mirror = None if recording.layout.mirror is None else recording.layout.mirror[columns]
     used = [item for item in recording.with_role("train") if len(item) > window]
     if not used:
         raise DatasetError(f"no training episode is longer than the window of {window} control steps")
     learned = [item.rows(columns) for item in used]
-    # The check comes before the mirror images, because they fill a dead sensor's column with another sensor's values.
+    # Mirror images are not checked, because they would add another sensor's values to a dead sensor's column.
     for name, spread in zip((*sensors, "the action"), np.ptp(np.concatenate(learned), axis=0), strict=True):
         if spread == 0.0:
             raise DatasetError(f"{name} is constant in all training episodes: nothing to learn from")
@@ -87,7 +87,7 @@ def _fit(
     starts = torch.tensor(
         np.concatenate([b + np.arange(len(item) - window + 1) for b, item in zip(begins, learned, strict=True)])
     )
-    # No training window has exchanged sensors, because the ECU's check undoes an exchange before it calls the network.
+    # Training windows have no exchanged sensors: the ECU's check undoes an exchange before it calls the network.
     hidden = torch.zeros(sensors + sensors * (sensors - 1) // 2, sensors)
     for flags, view in zip(hidden, views(sensors), strict=False):
         flags[list(view.left_out)] = 1.0

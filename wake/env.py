@@ -24,7 +24,7 @@ Observation = npt.NDArray[np.float32]
 LEDGER: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action", "Cd_slot", "Cd_net")
 """Names of the values of `wake.plant.sample.Sample` that `info` contains: all except the pressures."""
 _SILENCE_S: Final = 3.0
-"""Time in s after which a reset reports that the solver is being compiled. A reset without compilation is shorter."""
+"""Time in s after which a reset reports that the solver is being compiled; without compiling, a reset takes less."""
 
 
 class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float32]]):
@@ -56,7 +56,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         body: the truck by default; another body needs `start`.
 
     Attributes:
-        plant: the wake itself; `wake.truck.tape.Tape(env.unwrapped.plant)` differentiates it.
+        plant: the `TruckWake` of the flow; `wake.truck.tape.Tape(env.unwrapped.plant)` differentiates it.
 
     Raises:
         ConfigError: if a sensor does not exist or is named twice, `sensor_names` is a single string, or a setting is
@@ -133,7 +133,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         if not np.isfinite(commanded):
             raise PlantError(f"action {commanded}: must be finite")
         limit = self.plant.config.action_limit
-        # Rounding to float32 can move the bound by one ulp; an action at the rounded bound must not count as clipped.
+        # Rounding to float32 can increase the bound slightly. An action at the rounded bound is not counted as clipped.
         clipped = bool(abs(commanded) > np.float32(limit))
         sample = self.plant.advance(float(np.clip(commanded, -limit, limit)))
         self._step_count += 1
@@ -153,12 +153,12 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return self._picture.pixels()
 
     def share_phases(self, other: "TruckWakeEnv") -> None:
-        """Share the store of computed phases with another environment. Both must have equal settings and the same start
+        """Share the list of computed phases with another environment. Both must have equal settings and the same start
         state. Only one of the two may be reset at a time."""
         self._phases = other._phases
 
     def __getstate__(self) -> dict[str, Any]:
-        # A picture draws one plant, so a copy builds a picture of its own plant when the copy first renders.
+        # A picture belongs to one plant, so a copy of the environment builds its own picture at its first `render`.
         return self.__dict__ | {"_picture": None}
 
     def _start(self, options: Mapping[str, Any]) -> State:

@@ -34,9 +34,9 @@ def open_plant(
         name: "wake" for stillwake's solver, or "openfoam".
         output: run folder, in which OpenFOAM's case runs and OpenFOAM's developed start is stored.
         duration: duration of the run in t_c; OpenFOAM needs it in advance.
-        progress: called with (time, total) while a start state develops in OpenFOAM or settles on another grid.
+        progress: called with (time, total) while OpenFOAM computes a start state or a state settles on another grid.
         start: file of the state from which stillwake's solver starts; the clock is set to zero and the jets are shut.
-            The default is the shipped start, interpolated to the grid of `flow.refinement`.
+            None means the shipped start, interpolated to the grid of `flow.refinement`.
     """
     if name == "wake":
         yield own_wake(config, progress, start=start)
@@ -82,6 +82,6 @@ def _start(path: Path | None, config: Config) -> State:
         name = "the shipped start" if path is None else f"state {path}"
         raise PlantError(
             f"flow.reynolds = {reynolds:g}: {name} has {state.origin.reynolds:g}; `{develops(reynolds)}` makes a "
-            f"state, to be given with `--state {start_name(reynolds)} --set flow.reynolds={reynolds:g}`"
+            f"state for `--state {start_name(reynolds)} --set flow.reynolds={reynolds:g}`"
         )
     return replace(state, substep=0, action=0.0)

@@ -41,8 +41,8 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
         settings: arguments of `TruckWakeEnv`, for all environments.
 
     Raises:
-        ConfigError: if `num_envs` or `threads` is below 1, and as `TruckWakeEnv` does.
-        PlantError: as `TruckWakeEnv` does.
+        ConfigError: if `num_envs` or `threads` is below 1, or if `TruckWakeEnv` raises it.
+        PlantError: if `TruckWakeEnv` raises it.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
             cast(_Ahead, env).taken = taken
         try:
             found: tuple[Any, ...] = super().step(actions)
-        finally:  # After an error, a future may be left over, and futures cannot be copied.
+        finally:  # An error can leave futures that were not read, and an environment with futures cannot be copied.
             for env in self.envs:
                 cast(_Ahead, env).taken = None
         return found
@@ -113,7 +113,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
 
 
 class _Ahead(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """An environment whose `step` returns a result that another thread has computed for this step, if there is one."""
+    """An environment whose `step` returns the result of another thread for this step, if a thread has computed it."""
 
     def __init__(self, env: TruckWakeEnv) -> None:
         super().__init__(env)

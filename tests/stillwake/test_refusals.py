@@ -155,14 +155,14 @@ WITH_THE_PLANT = {
     "record a.h5 --from-steady x.npz --state d.npz": "--state: does not go with --from-steady",
     "record a.h5 --from-steady x.npz --overwrite": "--overwrite does not go with --from-steady",
     "record a.h5 --from-steady x.npz --amplitudes 0.2 0.1": "0.2: must not exceed the largest, 0.1",
-    "record a.h5 --set flow.reynolds=1000": "start_re1000.npz --set flow.reynolds=1000` makes a state that fits",
+    "record a.h5 --set flow.reynolds=1000": "start_re1000.npz --set flow.reynolds=1000` makes a file for --state",
     f"record a.h5 --from-steady {developed()}": "not the steady wake: velocities differ from their mirror image",
     "run r --plant openfoam": "needs OpenFOAM's icoFoam: install the Debian package `openfoam`",
     "run r --bundle damaged": "controller.onnx was altered",
     "run r --bundle unsigned --set operating_point.speed=20.0": "operating point",
     "mcu nowhere": "nowhere: No such file or directory",
     "picture a.png --sensors upper_99": "unknown sensor 'upper_99'",
-    "picture a.png --state state0": "state0: not a flow state (damaged or not an NPZ file",
+    "picture a.png --state state0": "state0 is not a flow state (damaged or not an NPZ file",
     "picture a.gif --settle 30": "--settle 30.0: must be shorter than the run of 25 t_c",
 }
 """Calls that are refused by what they build or load."""

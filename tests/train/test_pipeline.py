@@ -109,5 +109,5 @@ def test_a_model_whose_networks_do_not_fit_its_settings_is_refused(stored, tmp_p
     altered = Path(shutil.copytree(stored, tmp_path / "model"))
     text = (altered / "model.json").read_text()
     (altered / "model.json").write_text(text.replace('"latent": 8', '"latent": 6'))
-    with pytest.raises(ModelError, match=r"has shape .*, the configuration needs"):
+    with pytest.raises(ModelError, match=r"has shape .*, but the configuration needs"):
         model_store.load(altered)

@@ -59,7 +59,7 @@ def test_what_does_not_fit_is_refused_with_what_would_do(tmp_path, starts):
         ("wake", Config(), "re400.npz", r"reynolds = 500: state .*re400\.npz has 400; .*--set"),
         ("wake", COARSE, "fine.npz", r"443 x 164 cells, this grid needs 177 x 66: .*flow\.refinement"),
         ("openfoam", SLOW, "re400.npz", "OpenFOAM develops its own"),
-        ("openfoam", square, None, r"body\.length = 1\.0: OpenFOAM's mesh is for the truck, with 7\.647"),
+        ("openfoam", square, None, r"body\.length = 1\.0: must be 7\.647, because OpenFOAM's mesh"),
     ]
     for plant, config, start, message in cases:
         path = None if start is None else starts / start

@@ -20,11 +20,12 @@ from train.networks.model import Encoder, prediction_loss
 from train.networks.samples import Rows, SegmentSampler, add_sensor_noise
 
 _CHUNK = 1024
-"""Number of windows that are encoded together. For this number, the LSTM's gates fit into the processor's cache."""
+"""Number of windows that are encoded together. With this number, the LSTM's work arrays fit into the CPU's cache."""
 
 
 def encode_all(encoder: Encoder, rows: Rows) -> Tensor:
-    """Compute latents (n, N_z). Row k is for the window that ends at k; an episode's first L - 1 rows are NaN."""
+    """Compute the latents of n rows, (n, N_z). Entry k belongs to the window of L rows that ends at row k; the first
+    L - 1 entries of an episode are NaN."""
     window = encoder.window
     with torch.no_grad():
         parts = []
@@ -39,8 +40,8 @@ def encode_all(encoder: Encoder, rows: Rows) -> Tensor:
 
 
 _MORE = 8
-"""Ratio of the batch size on a stream to the batch size on windows. It is larger than 1 because neighbouring latents
-are similar, and additional latents of a stream cost little."""
+"""Batch size of the passes over streams, divided by the batch size of the passes over windows. Neighbouring latents of
+a stream are similar, so more latents are needed, but each takes little time to compute."""
 
 
 def distil(
@@ -56,10 +57,10 @@ def distil(
     order; `rows` have all sensors' columns. Returns the slim encoder in evaluation mode, on the device of `rows`.
     Raises DatasetError if an episode has fewer than L rows or, with `train.stream_epochs`, L - 1 + `STRETCH` rows.
 
-    The first passes read the recording as a stream (this project's method), which has one LSTM step for each sample
-    instead of L steps, because the LSTM's state is not reset. Training reads sequences of L - 1 + `STRETCH` rows from a
-    zero state and uses the last `STRETCH` latents. The encoder then also reads windows well, so these cheap passes
-    prepare the later passes, which read windows, as on the vehicle.
+    The first passes read streams (this project's method): sequences of L - 1 + `STRETCH` rows, in which the LSTM starts
+    from a zero state and is not reset. A latent then takes one LSTM step, instead of L steps for a window. The last
+    `STRETCH` latents are used. An encoder that is trained in this way also reads windows well. The later passes read
+    windows, as the vehicle does.
     """
     settings, device = config.train, rows.inputs.device
     target = encode_all(teacher, rows)
@@ -83,7 +84,7 @@ def distil(
 
         if settings.stream_epochs:
             fit(Phase.STREAM, slim.encode_stream, settings.stream_epochs, STRETCH, settings.batch_size * _MORE)
-        # Windows are drawn independently. Overlapping windows could share computations, but would save no time here,
-        # because there is no unroll and there are few inputs.
+        # Each segment is a single window. Segments of overlapping windows would share the products of rows and input
+        # weights, but these products take little time, because a slim encoder has few sensors.
         fit(Phase.DISTIL, slim.encode_segments, settings.distil_epochs, 1, settings.batch_size)
     return slim

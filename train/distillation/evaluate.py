@@ -63,7 +63,7 @@ def evaluate_model(
     teacher: WakeModel, slim: Encoder, predictor: Predictor | None, rows: Rows, chosen: Index
 ) -> ModelMetrics:
     """Compute all errors of a trained model on test rows with all sensors' columns; `chosen` (N,) are the slim
-    encoder's sensors. Raises DatasetError as `evaluate` does."""
+    encoder's sensors. Raises the errors of `evaluate`."""
     slim_rows = rows.with_sensors(chosen)
     return ModelMetrics(
         teacher=evaluate(teacher.encoder, teacher, rows),
@@ -78,8 +78,8 @@ def evaluate(
 ) -> EncoderMetrics:
     """Compute the errors of an encoder with the given dynamics and decoder, on test rows with the encoder's sensors.
     All windows are evaluated. Roll-outs start from all windows that are followed by enough rows for the longest
-    horizon. Raises DatasetError if no episode is long enough for a window and the longest horizon, or a force is
-    constant."""
+    horizon. Raises DatasetError if no episode is long enough for a window and the longest horizon, or if a force or a
+    latent is constant."""
     latents, dynamics, decoder = encode_all(encoder, rows), predictor.dynamics, predictor.decoder
     longest = max(horizons)
     with torch.no_grad():
@@ -102,8 +102,8 @@ def evaluate(
 
 
 def latent_error(latents: Tensor, reference: Tensor) -> float:
-    """Compute L1/sigma of an encoder's latents (n, N_z), compared with the latents of a reference encoder. The result
-    is the mean over dimensions; rows with NaN are skipped."""
+    """Compute L1/sigma of an encoder's latents (n, N_z), compared with the latents of a reference encoder, as the mean
+    over dimensions. Rows with NaN are skipped. Raises DatasetError if a latent is constant."""
     full = ~reference[:, 0].isnan()
     error = (latents[full] - reference[full]).abs().mean(dim=0) / _sigma(reference[full])
     return error.mean().item()
@@ -126,8 +126,8 @@ def _sigma(values: Tensor) -> Tensor:
 
 
 def rollout_starts(rows: Rows, window: int, longest: int) -> Tensor:
-    """Return the m indices (m,) of window ends that are followed by `longest` rows of their episode. Raises
-    DatasetError if there are none."""
+    """Return the indices (m,) of the m rows at which a window ends and after which the episode has at least `longest`
+    rows. Raises DatasetError if there is no such row."""
     starts = [
         torch.arange(span.start + window - 1, span.stop - longest)
         for span in rows.spans()

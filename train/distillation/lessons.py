@@ -70,7 +70,7 @@ _TOGETHER = 256
 _STEPS_DOWN = 16
 """Number of gradient steps that lower a plan's cost. A lesson is made before each step."""
 _LONGEST_STEP = 4e-3
-"""Largest change of an action in a gradient step, in U_inf W. The mean is half as large, so 16 steps cover 0.032."""
+"""Largest change of an action in a gradient step, in U_inf W. The steps are random; their mean is half as large."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,7 +82,7 @@ class Lessons:
         latents: (n, H + 1, N_z), latents at t .. t+H, by the teacher's dynamics.
         forces: (n, H + 1, 2), forces at t .. t+H, by the teacher's decoder.
         by_force: (n, H, 2), gradient of the cost with respect to the forces at t+1 .. t+H.
-        slope: (n, H), gradient of the cost with respect to the actions, through these forces.
+        slope: (n, H), gradient of the cost with respect to the actions.
     """
 
     actions: Tensor
@@ -103,7 +103,7 @@ def teach(
     teacher: WakeModel, latents: Tensor, rows: Rows, scaling: Scaling, config: Config, *, progress: Progress = silent
 ) -> Lessons:
     """Compute at least `config.train.predictor_lessons` lessons; equal seeds give equal lessons. `latents` (n, N_z) are
-    the latents of n rows by the vehicle's encoder. Raises DatasetError if no episode is long enough for a window and
+    computed from the n rows by the vehicle's encoder. Raises DatasetError if no episode is long enough for a window and
     the horizon."""
     starts = rollout_starts(rows, config.model.window, config.mpc.horizon)
     ahead = torch.arange(config.mpc.horizon, device=starts.device)
@@ -153,7 +153,7 @@ def _lesson(teacher: WakeModel, latent: Tensor, actions: Tensor, scaling: Scalin
 
 
 _FEWER = 4
-"""Ratio of the windows' batch size to the roll-outs' batch size. It is above 1 because a roll-out has H predictions."""
+"""Divisor of `train.batch_size` for roll-outs. A roll-out has H predictions, so fewer roll-outs are enough."""
 
 
 def distil_predictor(
@@ -164,7 +164,7 @@ def distil_predictor(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> Predictor:
-    """Train dynamics and decoder of the slim widths to reproduce the teacher's roll-outs.
+    """Train a dynamics network and a decoder with the slim widths to reproduce the teacher's roll-outs.
 
     The loss is the sum of three terms. The first term is the mean square of the latents' difference over h = 1 .. H.
     The second term is the Smooth L1 loss of the forces' difference over h = 0 .. H. Latents and forces are in standard

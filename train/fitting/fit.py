@@ -40,11 +40,11 @@ def torch_threads(count: int) -> Iterator[None]:
 
 @contextmanager
 def without_denormals() -> Iterator[None]:
-    """Flush denormal numbers to zero inside the block, in this thread. Where a wave decays, a flow in single precision
-    and its adjoint have many denormal numbers. Some processors take a hundred times as long for such numbers; a
-    gradient took three times as long (measured once, Xeon of 2.5 GHz)."""
-    # Torch cannot report the previous setting. Nothing else switches this setting on, so it is switched off after the
-    # block.
+    """Flush denormal numbers to zero inside the block, in this thread. A flow in single precision and its adjoint have
+    many such tiny numbers in regions where waves have decayed. Some processors take a hundred times as long for an
+    operation with a denormal number. A gradient then took three times as long (measured once, Xeon of 2.5 GHz)."""
+    # Torch cannot report the previous setting. No other code switches the setting on, so switching it off after the
+    # block restores the previous setting.
     torch.set_flush_denormal(True)
     try:
         yield
@@ -53,7 +53,7 @@ def without_denormals() -> Iterator[None]:
 
 
 REPORT_EVERY = 10
-"""Number of steps between progress reports. Reports are rare because reading the loss waits for the device."""
+"""Number of steps between progress reports. A report has to wait until the device has computed the loss."""
 
 
 def device_named(name: str) -> torch.device:
@@ -107,8 +107,8 @@ def optimise(
             # A run that continues from these checkpoints with unchanged settings would fail again.
             shutil.rmtree(checkpoints.folder, ignore_errors=True)
         raise TrainingError(
-            f"{phase.label}: the loss is not finite after {after} of {steps} iterations with "
-            f"train.learning_rate = {settings.learning_rate:g}: choose a lower value; the paper uses 0.001"
+            f"{phase.label}: the loss is not finite after {after} of {steps} iterations with train.learning_rate = "
+            f"{settings.learning_rate:g}: choose a lower learning rate; the paper uses 0.001"
         )
 
     module.train()
@@ -166,8 +166,8 @@ def fit_joint(
 
         fit(settings, Phase.FIT)
         if settings.finish.epochs:
-            # Each field of `finish` replaces the setting with that name. This last part of training reads windows, as
-            # on the vehicle.
+            # Each field of `finish` replaces the setting of the same name. This last part of the training reads
+            # windows, as the vehicle does.
             fit(replace(settings, streamed=False, **asdict(settings.finish)), Phase.FINISH)
     return model
 

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 
 class Phase(StrEnum):
-    """The phases of a training, in order; a phase's value is also the name of its checkpoint file."""
+    """The phases of a training, in order. A phase's checkpoint file is called by its value and `.pt`."""
 
     label: str
     """Name of the phase in messages."""

@@ -86,7 +86,7 @@ def folder_of(output: Path) -> Path:
 
 def check(folder: Path, identity: Identity) -> Reached | None:
     """Return the progress of the training in this folder; None if the folder has no checkpoints. Raises ConfigError,
-    with the first difference, for checkpoints with other settings; DatasetError for another recording."""
+    which names the first difference, if the settings differ; DatasetError if the recording is another."""
     if not any(folder.glob("*.pt")):
         return None
     label = _label(folder)
@@ -156,7 +156,7 @@ class Checkpoints:
     @classmethod
     def of(cls, output: Path, identity: Identity, resume: bool) -> "Checkpoints":
         """Return the checkpoints of the model `output`. With `resume`, the training continues from existing
-        checkpoints; otherwise they are removed. Raises as `check` does."""
+        checkpoints; otherwise they are removed. Raises the errors of `check`."""
         folder = folder_of(output)
         if not resume:
             shutil.rmtree(folder, ignore_errors=True)
@@ -200,11 +200,11 @@ class Checkpoints:
             body = torch.load(path, map_location="cpu", weights_only=True)
             schema, state = body["schema"], dict(body["state"])
         except (OSError, RuntimeError, EOFError, KeyError, TypeError, ValueError, pickle.UnpicklingError) as error:
-            raise StillwakeError(f"checkpoint {path}: damaged ({type(error).__name__}); {_MEND}") from error
+            raise StillwakeError(f"checkpoint {path} is damaged ({type(error).__name__}); {_MEND}") from error
         if schema != _SCHEMA:
-            raise StillwakeError(f"checkpoint {path}: schema {schema!r}, this version reads {_SCHEMA!r}; {_MEND}")
+            raise StillwakeError(f"checkpoint {path} has schema {schema!r}, not {_SCHEMA!r}; {_MEND}")
         if body["settings"] != self.identity.settings:
-            raise ConfigError(f"checkpoint {path}: made with other settings; {_MEND}")
+            raise ConfigError(f"checkpoint {path} was made with other settings; {_MEND}")
         if body["dataset_sha256"] != self.identity.dataset_sha256:
-            raise DatasetError(f"checkpoint {path}: made from another recording; {_MEND}")
+            raise DatasetError(f"checkpoint {path} was made from another recording; {_MEND}")
         return state

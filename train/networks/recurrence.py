@@ -2,13 +2,13 @@
 
 Consecutive windows of L rows overlap in all rows but one. So the windows' input projections W_ih x_k + b are computed
 once per row. Only the recurrence, which starts from zero in every window, runs for each window. Equations, gate order
-(i, f, g, o) and weight layout are as in `torch.nn.LSTM`; p is the projected row:
+(i, f, g, o) and layout of the weights are as in `torch.nn.LSTM`. With the projected row p they are
 
     (i, f, o) = sigmoid(p + W_hh h),  g = tanh(p + W_hh h),  c' = f c + i g,  h' = o tanh(c')
 
 The backward pass does not use PyTorch's autograd: it adds each window's gradient in place to the row that the gradient
-belongs to. Autograd would build and traverse a graph of some 400 small nodes. Internally, the layout is gates x
-windows, so that each gate and each run of windows is contiguous in memory.
+belongs to. Autograd would build and traverse a graph of some 400 small nodes. The arrays here have gates as rows and
+windows as columns, so that each gate and each sequence of windows is contiguous in memory.
 """
 
 from typing import Any

@@ -24,17 +24,17 @@ from contract.sensors import TRUCK
 
 
 def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Scaling:
-    """Fit mean and standard deviation to the episodes and, if the sensors have mirror images, to the episodes' images.
+    """Fit means and standard deviations to the episodes and, if the sensors have mirror images, also to the episodes'
+    mirror images.
 
-    The mirror image (y -> -y) permutes the sensors and changes the signs of action and lift. So statistics over the
-    originals and the images are symmetric, and mirroring commutes with scaling. Without mirror images, Cl may have a
-    nonzero mean. The action is never shifted, so that zero action stays 0. The action's deviation is always its root
-    mean square. Raises DatasetError if a sensor, the action or a force is constant.
+    The mirror image (y -> -y) permutes the sensors and changes the signs of action and lift. So the statistics with
+    mirror images are symmetric, and mirroring commutes with scaling. Without mirror images, Cl may have a nonzero mean.
+    The action is only divided by its rms. Raises DatasetError if a sensor, the action or a force is constant.
     """
     pressure = np.concatenate([episode.series["Cp"] for episode in episodes])
     action = np.concatenate([episode.series["action"] for episode in episodes])
     drag, lift = (np.concatenate([episode.series[name] for episode in episodes]) for name in ("Cd", "Cl"))
-    # The check comes before the mirror images, because they fill a dead sensor's column with another sensor's values.
+    # Mirror images are not checked, because they would add another sensor's values to a dead sensor's column.
     for name, values in zip(layout.names, pressure.T, strict=True):
         _refuse_constant(f"sensor {name}", values)
     for name, values in (("action", action), ("Cd", drag), ("Cl", lift)):
@@ -68,7 +68,7 @@ class Rows:
         actions: (n,) a_k.
         forces: (n, 2) Cd, Cl.
         lengths: number of rows of each episode, in order; the sum is n.
-        unit: (N,) global deviation of the pressures, divided by each sensor's own standard deviation.
+        unit: (N,) rms of all sensors' standard deviations (paper, appendix B), divided by the sensor's deviation.
         layout: layout of the sensors, in the order of their columns.
         names: name of each episode, in order.
     """
@@ -119,8 +119,8 @@ class Rows:
         )
 
     def noise(self, level: float) -> Tensor:
-        """Return the standard deviation of noise in each sensor's column, (N,), for noise of `level` global
-        deviations."""
+        """Return the standard deviations (N,) of noise in the sensors' columns. `level` is the noise's deviation,
+        divided by the rms of all sensors' standard deviations."""
         return level * self.unit
 
 
@@ -178,7 +178,7 @@ class Batch:
 class SegmentSampler:
     """A source of batches of contiguous segments. The batch of a step depends only on the seed and the step. A sample
     is a window and the `ahead` windows that follow it. Segments hold `segment` consecutive samples, so one segment has
-    W = segment + ahead windows. Each pass covers every episode with shuffled segments from a random offset."""
+    W = segment + ahead windows. Each pass covers every episode with segments from a random offset, in random order."""
 
     def __init__(self, rows: Rows, *, window: int, ahead: int, segment: int, batch_size: int, seed: int) -> None:
         """Prepare the sampler. Raises DatasetError if an episode is too short for one segment."""
@@ -224,7 +224,7 @@ class SegmentSampler:
         for span in self.rows.spans():
             last = span.stop - span.start - (self._window - 1 + self._windows)
             phase = generator.integers(self.segment)
-            # Both ends are clipped to the episode, so that every pass covers every sample.
+            # The first and the last segment are moved into the episode, so that every pass covers every sample.
             tiles = np.arange(-phase, last + self.segment, self.segment).clip(0, last)
             firsts.append(span.start + np.unique(tiles))
         return generator.permutation(np.concatenate(firsts))

@@ -1,7 +1,7 @@
 """The fit of the air-speed estimate: a linear regression over closed loops in which a prior is told wrong speeds.
 
-True and told speeds are drawn at random. From means of products of pressures and actions, the regression estimates the
-logarithm of told speed / true speed (`contract.controller.air_speed`).
+True and told speeds are drawn at random. The regression estimates the logarithm of told speed / true speed from means
+of products of pressures and actions (`contract.controller.air_speed`).
 """
 
 from collections.abc import Sequence
@@ -22,32 +22,32 @@ RUN_PERIODS: Final = 900
 RAMP: Final = 40
 """Number of periods over which the speed changes from the design speed to a run's first speed."""
 CHANGE: Final = 1e-3
-"""Mean change of the speed in a period of a ramp, in design speeds. A ramp over the full range then takes 16 s."""
+"""Mean change of speed per period of a ramp, in units of the design speed. A ramp over all speeds then takes 16 s."""
 SPEEDS_BEYOND: Final = 0.2
-"""Distance by which a drawn speed may exceed the range of speeds, as a share of the range."""
+"""Distance by which a drawn speed may lie outside the range of speeds, as a share of the range."""
 MOST_WRONG: Final = 0.12
 """Largest error of a told speed, as a share of the true speed."""
 DESIGN_SPEED_EVERY: Final = 8
-"""Every n-th run (n is this value) has the design speed, correctly told: a release is judged first at this speed."""
+"""In every n-th run (n is this value), true and told speed are the design speed, at which a release is judged first."""
 RIGHT_SHARE: Final = 0.3
 """Probability that the told speed is right in each of the other runs."""
 OFFSET: Final = 0.02
 """Standard deviation, in Cp, of the random offset of a pair's sum. A run is used `COPIES` times, with new offsets."""
 COPIES: Final = 4
 EVERY: Final = 10
-"""Number of periods between two equations of the regression; the means change little in this time."""
+"""Number of periods between two equations of the regression. The inputs, running means, change little in this time."""
 WEIGHT_COST: Final = 1e-3
 """The ridge parameter, relative to the number of equations, for terms with a variance of 1."""
 
 
 def wrong_speeds(number: int, slowest: float, fastest: float, *, seed: int) -> tuple[Array, Array]:
-    """Draw the speeds of the run with this number: steady parts and ramps within the range, and a told speed with a
-    constant ratio to the true speed, limited to the range. Returns the true speeds (n + 1,) at the samples of n control
-    periods, in units of the design speed and beginning with 1, and the ratios (n,)."""
+    """Draw the speeds of the run with this number. The true speed has steady parts and ramps within the range. The told
+    speed is a constant multiple of the true speed, but limited to the range. Returns the true speeds (n + 1,) at the
+    samples of n control periods, in units of the design speed and beginning with 1, and told / true speed (n,)."""
     if number % DESIGN_SPEED_EVERY == 0:
         return np.ones(RUN_PERIODS + 1), np.ones(RUN_PERIODS)
     rng = np.random.default_rng([seed, number])
-    # A drawn speed may exceed the range and is then limited to the range, so that the ends of the range are frequent.
+    # A drawn speed outside the range is limited to the range, so that the ends of the range are frequent.
     beyond = SPEEDS_BEYOND * (fastest - slowest)
 
     def draw() -> float:
@@ -88,7 +88,7 @@ def run(
     differences, sums = rows[:, 1:, :pairs], rows[:, 1:, pairs:-1]
     window = np.empty_like(rows[:, 1:])
     window[..., 0:-1:2], window[..., 1:-1:2] = (sums + differences) / 2.0, (sums - differences) / 2.0
-    # A row of the ECU has the action in force at its sample; here a row has the action that starts at its sample.
+    # In a row of the ECU, the action is the action in force at the row's sample; in `rows` it is the next action.
     window[..., -1] = rows[:, :-1, -1]
     return features(window), np.log(told[-len(read) :])
 
@@ -110,7 +110,7 @@ def fit(found: Sequence[tuple[Array, Array]], pairs: int, *, seed: int) -> tuple
     all_terms, right = np.concatenate(equations), np.concatenate(wanted)
     scaled, middle = all_terms[:, :-1], right.mean()
     mean, deviation = scaled.mean(axis=0), scaled.std(axis=0)
-    # Some terms are always 0 without control, so their deviation is 0.
+    # If the jets stay shut in all runs, some terms are always 0, so their deviation is 0.
     deviation[deviation == 0.0] = 1.0
     scaled = (scaled - mean) / deviation
     normal = scaled.T @ scaled + WEIGHT_COST * len(scaled) * np.eye(scaled.shape[1])

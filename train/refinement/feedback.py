@@ -28,8 +28,8 @@ recorded Cp at one sensor of the pair."""
 ACTION: Final = 2.0 / 3.0
 """Scale of the action, as a fraction of the action limit."""
 SUM: Final = 0.3
-"""Scale of a pair's sum in Cp, after its mean is subtracted. Between the developed and the steady wake the sum changes
-by 0.4, behind the truck and also behind a square cylinder."""
+"""Scale of a pair's sum in Cp, after its mean is subtracted. The sums of the developed and the steady wake
+differ by 0.4, for the truck and also for a square cylinder."""
 
 
 def scales_of(deviations: Sequence[float], limit: float) -> tuple[float, ...]:
@@ -116,7 +116,7 @@ class Feedback(nn.Module):
 
     def begin_with(self, prior: Mapping[str, Array]) -> None:
         """Load the weights of a prior from `as_prior`, or from release 1.0.0, whose prior has no inputs for goal and
-        sums. Units that the prior lacks stay unchanged."""
+        sums. If the prior has fewer units, the remaining units stay unchanged."""
         units, pairs, count = len(prior["output"]), self.pairs, self._filters.shape[1]
         first, gate, sums = of_two_speeds(prior["first"]), prior.get("gate"), prior.get("sums")
         if "slope" in prior:
@@ -133,7 +133,7 @@ class Feedback(nn.Module):
             self.gate[:, :units] = torch.from_numpy(np.hstack([gate, SUM * by_sum]).T.copy())
 
     def as_prior(self) -> dict[str, Array]:
-        """Return this feedback as a prior's tensors without the predictor; the weights include scales and means."""
+        """Return this feedback as a prior's tensors without the predictor, for rows that are not scaled or centred."""
         count, scheduled = self._filters.shape[1], len(SCHEDULED)
         first, gate = self.first.detach().numpy(), self.gate.detach().numpy()
         by_unit = np.moveaxis(first.reshape(scheduled, count, len(self._scales), -1), -1, 1)

@@ -1,12 +1,13 @@
-"""The imitation: a prior that gets a right or a wrong speed learns the actions of priors that get the right speed. At
-the design speed, the prior does not change.
+"""The imitation: one prior, the learner, is fitted to the actions of other priors, the teachers.
 
-A training over all speeds improves a prior at some speeds and makes it worse at others. So priors that are good at some
-speeds run at these speeds in closed loop. The scheduled weights below or above the design speed are fitted to the
-priors' actions. The weights are multiplied by the distance from the design speed, so they have no effect at this speed.
+A training over all speeds improves a prior at some speeds and makes it worse at others. So each teacher runs in closed
+loop at speeds at which it is good. The learner's scheduled weights for speeds below or above the design speed are then
+fitted to the teachers' actions. These weights are multiplied by the distance from the design speed, so the learner does
+not change at the design speed.
 
-A vehicle knows its speed over the ground, but not the wind. The pressures that a prior reads depend on the true speed.
-So a prior that gets a wrong speed can learn the actions of a prior that gets the right speed.
+One input of a prior is the speed. A vehicle knows its speed over the ground, but not the wind, so this input may be
+wrong. A learner can correct the error, because the pressures depend on the true speed. It learns with right and wrong
+speeds; its teachers receive the true speed.
 """
 
 from collections.abc import Sequence
@@ -32,7 +33,7 @@ OPTIMISER_STEPS: Final = 400
 """Steps of the optimiser (L-BFGS)."""
 SMALL: Final = 1e-3
 """Factor in the cost for the mean squared change of the weights; the mean squared error of action / limit has the
-factor 1. The change's term determines the weights that the demonstrations leave open."""
+factor 1. This term determines the weights on which the error hardly depends."""
 RIGHT: Final = 10.0
 """Weight of a demonstration with the right speed, relative to a demonstration with a wrong speed."""
 
@@ -45,7 +46,7 @@ class Watched:
         rows: (n, 2 p + 1) differences and sums of the sensor pairs in Cp, made dimensionless with the true speed, and
             the action that starts in the period, in units of the design speed.
         speeds: (n,) true speeds in units of the design speed.
-        Cd: (n,) drag coefficients after the periods.
+        Cd: (n,) drag coefficients at the ends of the periods.
     """
 
     rows: Tensor
@@ -107,8 +108,8 @@ def watch(
 def demonstration(
     run: Watched, expert: Feedback, goal: Goal, *, told: Array, expert_told: float = 1.0
 ) -> Demonstration:
-    """Return an expert's actions in the states of a run, as a demonstration for a prior that is told another speed. The
-    first periods are left out, because the memory is not yet full.
+    """Return an expert's actions in the states of a run, as a demonstration for a prior that may be told another speed.
+    The first periods are left out, because they have too few earlier rows.
 
     Args:
         told: (n,) speed that the prior is told, divided by the true speed.
@@ -135,7 +136,7 @@ def demonstration(
 
 
 def rows_as_told(run: Watched, told: Array, memory: int) -> list[tuple[Tensor, float]]:
-    """Return the rows (M, 2 p + 1) that a prior reads, and the told speed, for each period with a complete past."""
+    """Return the rows (M, 2 p + 1) that a prior reads, and the told speed, for each period with enough earlier rows."""
     kept = ceil(memory / min(SLOWEST, float((run.speeds * told).min()))) + 1
     scale = torch.from_numpy(1.0 / told**2)[:, None]
     rows, speeds = torch.cat([run.rows[:, :-1] * scale, run.rows[:, -1:]], dim=1), (run.speeds * told).tolist()

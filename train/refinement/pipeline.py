@@ -65,13 +65,13 @@ def refine_model(
         dataset_path: recording that the model was fitted to.
         config: settings of the refinement, its seed (`train.seed`), and the settings of the exported controller.
         sensors: names of the sensors, in pairs of mirror images.
-        flow: function that returns the plant with these sensors, and a developed wake without jets per stream.
+        flow: function that returns the plant with these sensors, and for each stream a developed wake without jets.
         workers: function that runs an update's closed-loop intervals in parallel; if None, they run in turn.
         resume: whether an interrupted run is continued; if False, the run starts over.
-        begins_with: hashes of the model and of the flow's start by name; a run with other hashes is not continued.
+        begins_with: hashes of the initial model and flow, by name; a run with other hashes is not continued.
 
     Raises:
-        ConfigError: the interrupted run has other settings, another model or another start; a price is too high.
+        ConfigError: the interrupted run has other settings or another initial model or flow, or a price is too high.
         DatasetError: the model was fitted to another recording, or the sensors are not pairs of mirror images.
         PlantError: the flow diverged.
         StillwakeError: a file cannot be written.
@@ -155,7 +155,7 @@ def air_speed_of(
 def _begun(
     settings: Config, scales: tuple[float, ...], middles: tuple[float, ...], prior: Mapping[str, Array] | None
 ) -> Feedback:
-    """Return the initial feedback: the model's prior if its sizes fit, otherwise a feedback whose actions are 0."""
+    """Return the initial feedback: the model's prior if its sizes are suitable, otherwise a feedback with actions 0."""
     size = settings.refine
     made = Feedback(size.memory, size.units, scales, middles, settings.flow.action_limit, settings.train.seed)
     if prior is None or "filters" not in prior:
@@ -213,7 +213,7 @@ def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:
         raise DatasetError("the sensors have no mirror images: a prior reads the differences between mirror images")
     columns = layout.indices(sensors)
     if len(sensors) < 2 or len(sensors) % 2:
-        raise DatasetError(f"{len(sensors)} sensors: they must be pairs of mirror images")
+        raise DatasetError(f"the {len(sensors)} sensors must be pairs of mirror images")
     for first, second in zip(columns[::2], columns[1::2], strict=True):
         if layout.mirror[first] != second or first == second:
             raise DatasetError(
@@ -226,14 +226,14 @@ def check_prices(settings: RefineConfig) -> None:
     """Raise ConfigError for a price above the range that a prior reads (`contract.controller.goal`)."""
     for name, most in (("lift_price", DEAREST_LIFT), ("effort_price", DEAREST_EFFORT)):
         if (price := getattr(settings, name)) > most:
-            raise ConfigError(f"refine.{name} = {price:g}: must be at most {most:g}; a prior reads no higher weight")
+            raise ConfigError(f"refine.{name} = {price:g}: must be at most {most:g}, a prior's highest input")
 
 
 def predictor(stretches: Sequence[Array], memory: int) -> Array:
     """Fit the prior's predictor of p pressure differences y by ridge regression. The model is autoregressive with the
     action a as input: y_{k+1} = sum over i = 0 .. M-1 of C_i (y_{k-i}, a_{k-i}). Returns the coefficients C_i with the
-    oldest row first, (p, M, p + 1). In the mirror image of a flow, y and a change their sign. The model has no constant
-    term, so its output also changes its sign. So mirror images would add nothing to the fit.
+    oldest row first, (p, M, p + 1). Mirror images of the flow are not needed: they change only the signs of y and a,
+    and the model has no constant term, so they would give the same fit.
 
     `stretches` are arrays of n rows (y_k, a_k), (n, p + 1) each; all M rows of a prediction are from one array. Raises
     StillwakeError for fewer steps than coefficients, or a regressor that is always zero.
@@ -252,7 +252,7 @@ def predictor(stretches: Sequence[Array], memory: int) -> Array:
             moment += regressors.T @ rows[memory:, :-1]
     scale = np.sqrt(np.diag(gram) / steps)
     if not (scale > 0).all():
-        raise StillwakeError(f"column {int(np.flatnonzero(scale == 0)[0]) % columns} of the rows is zero throughout")
+        raise StillwakeError(f"column {int(np.flatnonzero(scale == 0)[0]) % columns} is zero in all rows")
     scaled = gram / np.outer(scale, scale) / steps
     solved = scipy.linalg.solve(
         scaled + PREDICTOR_RIDGE * np.eye(size), moment / scale[:, None] / steps, assume_a="pos"

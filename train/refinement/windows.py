@@ -18,7 +18,7 @@ from contract.differentiable import DifferentiableFlow, FlowState, Seen
 from train.refinement.feedback import Feedback
 
 ROUNDED: Final = 0.05
-"""Magnitude of Cl below which the gradient of |Cl| is smoothed, because a sign function would jump at zero."""
+"""Magnitude of Cl below which |Cl| is smoothed, because its gradient jumps at zero."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,8 +60,8 @@ class Stream:
 
     Attributes:
         rows: (n, 2 p + 1), oldest first. A row has p differences and p sums of the sensor pairs, and the action that
-            started in the period. The present sample's row is added later. n is the feedback's memory M, or larger if
-            the speed may be below the design speed, because rows are then resampled.
+            started in the period. The last row is of the sample before the present sample. n is the feedback's memory
+            M, or larger if the speed may be below the design speed, because rows are then resampled.
         speeds: (n,) speeds that the feedback received with these rows.
         speed: present speed of the flow.
         committed: the action of the next period.
@@ -166,8 +166,8 @@ def closed_loop(
     speeds: Array,
     action_limit: float,
 ) -> ClosedLoop:
-    """Run a stretch and advance the stream, without the backward pass. Arguments are as in `Task`, errors as in
-    `differentiate`."""
+    """Run a stretch and advance the stream, without the backward pass. The arguments are fields of `Task`. Raises the
+    errors of `differentiate`."""
     pairs = feedback.pairs
     rows: list[Tensor] = list(torch.from_numpy(stream.rows[1:]))
     past = [*stream.speeds[1:].tolist()]

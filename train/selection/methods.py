@@ -7,7 +7,7 @@ centred lags X (n, F) and centred latents Z (n, N_z). The student's weights are
     W = (X'X/n + lambda I)^-1 X'Z/n
 
 The student's error is the unexplained fraction of the latents' mean square in other windows. Weights and error need
-only products of lags. The products of all lags are computed once; a choice needs a small block of these.
+only products of lags and latents. These are computed once for all sensors; a choice of sensors uses a small block.
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ RIDGE: Final = 1e-4
 
 FITTED: Final = 4000
 JUDGED: Final = 2000
-"""Numbers of windows for fit (`FITTED`) and test (`JUDGED`); if there are fewer, they are split in this ratio."""
+"""Numbers of windows for fit (`FITTED`) and test (`JUDGED`). A smaller number of windows is split in this ratio."""
 
 _CHUNK = 1024
 
@@ -48,7 +48,7 @@ def sample(encoder: Encoder, rows: Rows, seed: int) -> tuple[tuple[Array, Array]
     firsts = rows.first_rows(encoder.window)
     total = min(len(firsts), FITTED + JUDGED)
     if total < 6:
-        raise DatasetError(f"recording has {total} windows, too few to fit and test a regression: must be at least 6")
+        raise DatasetError(f"the recording has {total} windows: a regression and its test need at least 6")
     drawn = np.random.default_rng(seed).choice(firsts, total, replace=False)
     inputs, latents = [], []
     with torch.no_grad():
@@ -138,8 +138,8 @@ def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:
     """
     mirror = layout.mirror
     if mirror is None or not layout.base.size:
-        lacking = "mirror images" if mirror is None else "base"
-        raise ConfigError(f"train.selection = 'hand': these sensors have no {lacking}; use another method or --sensors")
+        lacking = "mirror images" if mirror is None else "base sensors"
+        raise ConfigError(f"train.selection = 'hand' needs {lacking}: use another method or --sensors")
     x, y = layout.positions.T
     on_base = np.isin(np.arange(len(layout)), layout.base)
     paired = mirror != np.arange(len(layout))
@@ -225,7 +225,7 @@ def select(
     elif method == "hand":
         chosen = select_by_hand(count, rows.layout)
     else:
-        # Runs with neighbouring seeds must have independent draws. The two uses of one seed must be independent, too.
+        # Hashing gives two independent seeds, which also differ between runs with neighbouring seeds.
         windows, choices = np.random.SeedSequence(settings.seed).generate_state(2).tolist()
         student = ridge_student(encoder, rows, windows, settings.sensor_noise)
         if method == "greedy":

@@ -106,7 +106,7 @@ class SensorChoice:
     @classmethod
     def of_ranking(cls, ranking: Ranking) -> "SensorChoice":
         """Build the choice from a ranking by the paper's method."""
-        # The set of all sensors is always stable, so its size is left out.
+        # The set of all sensors is always stable, so it is not reported.
         sizes = [count for count in STABILITY_SETS if count < len(ranking.names)]
         return cls(
             method="shap.GradientExplainer",
@@ -158,7 +158,7 @@ def _magnitude(
     # shap is imported here, because shap takes longer to load than torch, and no other selection method needs shap.
     import shap
 
-    # Every position in a pack is combined with every background window, in its own random order.
+    # At every position in a pack, all background windows occur once, in a random order that differs between positions.
     order = np.stack([generator.permutation(len(background)) for _ in range(packs.shape[1])], axis=1)
     explainer = shap.GradientExplainer(packed, background[torch.as_tensor(order)], batch_size=_BATCH)
     state = np.random.get_state()  # shap seeds numpy's global generator
@@ -171,9 +171,9 @@ def _magnitude(
 
 
 _PACK = 25
-"""Number of windows explained together. shap loops in Python over the samples and outputs of one input; with a pack,
-one loop explains 25 windows. Latents of different windows do not interact, so explaining their sum explains each
-window."""
+"""Number of windows that are explained together, as one input of shap. For each input, shap loops in Python over all
+samples and outputs, so a pack saves time. The output for a pack is the sum of the windows' latents. A window affects
+only its own latents, so the explanation of the sum contains the explanation of each window."""
 
 _BATCH = 20
 """Number of packs per gradient: 500 windows, which fit into the processor's cache."""
@@ -198,5 +198,5 @@ class _Packed(nn.Module):
 def _draw(rows: Rows, window: int, count: int, purpose: str, generator: np.random.Generator) -> Tensor:
     firsts = rows.first_rows(window)
     if len(firsts) < count:
-        raise DatasetError(f"recording has {len(firsts)} windows, too few to draw {count} {purpose} samples")
+        raise DatasetError(f"the recording has {len(firsts)} windows: too few for {count} {purpose} samples")
     return rows.windows_at(generator.choice(firsts, count, replace=False), window)

@@ -1,8 +1,8 @@
 """An icoFoam case of the truck: schemes, solvers, boundaries, sensors, and function objects for measurements.
 
 `timeVaryingMappedFixedValue` reads a patch's velocity at each listed instant from a file, and ramps linearly between
-instants. The velocity is uniform at the inlet and a parabola over each slot. A case without control lists its start and
-a time that is never reached. A case in closed loop lists the end of every time step, and reads from named pipes.
+instants. The velocity is uniform at the inlet and a parabola over each slot. The list of a case without control has the
+start and a time that is never reached. In a closed loop it has the end of every time step, and the files are pipes.
 
 The pressure on a wall face equals the pressure in its cell (zero normal gradient at the wall), so a sensor's pressure
 is interpolated linearly along the wall between the two nearest faces.
@@ -55,7 +55,7 @@ def patch_velocity(mesh: Mesh, patch: str, action: float, stream: float) -> Arra
 
 
 def velocities(mesh: Mesh, patch: str, action: float, stream: float = 1.0) -> str:
-    """Return the text of an instant's file with the values of `patch_velocity`."""
+    """Return the text of the file for one instant, with the values of `patch_velocity`."""
     return foam_files.vectors(patch_velocity(mesh, patch, action, stream)) + "\n"
 
 
@@ -73,8 +73,8 @@ def write_rest(folder: Path, mesh: Mesh) -> None:
 
 
 def write_pipes(folder: Path, mesh: Mesh, *, dt: float, steps: int, action: float, stream: float = 1.0) -> None:
-    """Write the velocity files of a case in closed loop. Jets and inlet start from `action` and `stream`. The end of
-    every time step is an instant. The folder of an instant is a link to the folder with the patch's pipe."""
+    """Write the velocity files of a case in closed loop. Jets and inlet start from `action` and `stream`. The velocity
+    is listed at the end of every time step. For each such instant, a link leads to the folder with the patch's pipe."""
     for patch in DRIVEN:
         data, end = _begin(folder, mesh, patch, action, stream), pipe(folder, patch)
         end.parent.mkdir(parents=True)
@@ -121,7 +121,7 @@ def sensor_weights(mesh: Mesh) -> Array:
 
 
 def slot_shares(cells: int) -> Array:
-    """Return the fractions of a slot's flow that pass through its `cells` equally long faces, (cells,). They are exact
+    """Return the fractions of a slot's flow through its equally long faces, (`cells`,). The fractions are exact
     integrals of the jet's parabolic profile."""
     s = np.linspace(0.0, 1.0, cells + 1)
     return np.diff(s**2 * (3.0 - 2.0 * s))
@@ -134,7 +134,7 @@ def _straight(mesh: Mesh, name: str) -> npt.NDArray[np.bool_]:
 
 
 def _between(along: Array, wall: npt.NDArray[np.bool_], place: float) -> Array:
-    """Return the weights with which the two nearest faces of `wall` are interpolated linearly at `place`."""
+    """Return weights for all faces: a linear interpolation to `place` between the two nearest faces of `wall`."""
     index = np.flatnonzero(wall)
     index = index[np.argsort(along[index])]
     i = int(np.clip(np.searchsorted(along[index], place) - 1, 0, len(index) - 2))
@@ -199,8 +199,8 @@ _SCHEMES: Final[dict[str, Any]] = {
     "interpolationSchemes": {"default": "linear"},
     "snGradSchemes": {"default": "corrected"},
 }
-# Conjugate gradients with multigrid as the preconditioner take two thirds of the time of multigrid alone, and an even
-# smaller share on finer meshes.
+# Conjugate gradients with multigrid as the preconditioner take two thirds of the time that multigrid alone takes, and
+# less than two thirds on finer meshes.
 _MULTIGRID: Final = {"preconditioner": "GAMG", "smoother": "DICGaussSeidel", "tolerance": 1e-6, "relTol": 0}
 _PRESSURE: Final = {"solver": "PCG", "preconditioner": _MULTIGRID, "tolerance": 1e-6, "relTol": 0.05}
 _SOLVERS: Final[dict[str, Any]] = {

@@ -56,7 +56,7 @@ def _value(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return repr(float(value))  # the repr of a NumPy number contains the type
+        return repr(float(value))  # `repr` of a NumPy number would also contain the name of its type
     if isinstance(value, tuple | list):
         return f"({' '.join(_value(item) for item in value)})"
     return str(value)
@@ -107,7 +107,7 @@ def parse_cells(content: bytes, name: str) -> Array:
     size = 8 * width * count
     values = content[listing.end() : listing.end() + size]
     if len(values) < size:
-        raise PlantError(f"{name}: truncated: holds {len(values)} of the field's {size} bytes")
+        raise PlantError(f"{name} is truncated: it has {len(values)} of the field's {size} bytes")
     flat = np.frombuffer(values, dtype="<f8").astype(np.float64)
     return flat if width == 1 else flat.reshape(count, width)
 
@@ -136,7 +136,7 @@ def scaled(content: bytes, factor: float) -> bytes:
 
 
 def latest(folder: Path) -> Path | None:
-    """Return the folder of the latest time after 0 with a stored pressure; None if there is no such folder."""
+    """Return the folder of the latest time after 0 for which a pressure is stored; None if there is no such time."""
     times = [
         (float(item.name), item) for item in folder.iterdir() if _TIME.fullmatch(item.name) and (item / "p").is_file()
     ]

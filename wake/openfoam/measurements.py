@@ -2,9 +2,9 @@
 
 The domain has depth 1, so forces in units of rho U_inf^2 W / 2 are twice the kinematic forces.
 
-icoFoam accelerates the stream between inlet and outlet by a pressure gradient, -dU/dt. Around a vehicle, the air is at
-rest and the body accelerates, so there is no such gradient. The samples are for a vehicle, as in stillwake's solver:
-the pressures and forces that the gradient causes are subtracted.
+If the stream's speed U changes, icoFoam accelerates the air between inlet and outlet by a pressure gradient -dU/dt. On
+a road, the air is at rest and the vehicle accelerates, so this gradient does not exist. The samples are for a vehicle,
+as in stillwake's solver: the pressures and forces that the gradient causes are subtracted.
 """
 
 import re
@@ -63,7 +63,7 @@ class Instruments:
         acceleration in U_inf / t_c. Raises PlantError if a reading is not finite, or if the number of readings is not
         the mesh's number of probes."""
         if readings.pressures.shape != (self._weights.shape[1],):
-            raise PlantError(f"{readings.pressures.size} pressures read, this mesh has {self._weights.shape[1]} probes")
+            raise PlantError(f"{readings.pressures.size} pressures were read for {self._weights.shape[1]} probes")
         readings.require_finite(t)
         cp = self._weights @ (readings.pressures + acceleration * self._upstream)
         forces = readings.forces.copy()
@@ -86,7 +86,7 @@ class Instruments:
 
 def _buoyancy(mesh: Mesh, patch: str) -> float:
     """Return the force in x that a pressure with gradient -1 and the value 0 at the outlet exerts on a patch. The
-    forces on all patches of a closed body add up to the body's area."""
+    sum of these forces over all patches of a closed body is the body's area."""
     ends = mesh.points[mesh.patches[patch]]
     # The flow is on the left of an edge, so `facing` is the wall's area in x, positive if the wall faces downstream.
     facing = ends[:, 0, 1] - ends[:, 1, 1]
@@ -116,7 +116,7 @@ class Follower:
         self._offsets[name] += len(whole)
         lines = [line for line in whole.splitlines() if not line.startswith(b"#")]
         if not lines:
-            raise PlantError(f"{path}: holds no new measurement")
+            raise PlantError(f"{path}: icoFoam has written no new measurement")
         return _numbers(lines[-1])
 
 

@@ -19,7 +19,7 @@ from contract.geometry import DOMAIN_X, DOMAIN_Y, HALF_WIDTH, JET_WIDTH, LEADING
 from wake.solver.grid import graded_faces
 
 PATCHES: Final = ("inlet", "outlet", "sides", "truck", "jetUpper", "jetLower")
-"""Names of the patches of the plane mesh. The case also has OpenFOAM's two `empty` planes."""
+"""Names of the patches of the plane mesh. The case has one more patch, of type `empty`: the planes z = 0 and z = 1."""
 
 # Each table lists pairs (position, target spacing); the spacing is linear between the positions. The position is y in
 # _FRONT and _ACROSS, x in _SIDE and _WAKE, and the distance from the wall in _NORMAL.
@@ -71,22 +71,22 @@ class Mesh:
 
 
 def truck_mesh(refinement: float = 1.0) -> Mesh:
-    """Build the mesh; spacings are divided by `refinement`. Raises ConfigError if a slot has fewer than two cells."""
+    """Build the mesh. All spacings are divided by `refinement`. Raises ConfigError if a slot has fewer than 2 cells."""
     slot_cells = len(graded_faces(_ACROSS, HALF_WIDTH - JET_WIDTH, HALF_WIDTH, refinement)) - 1
     if slot_cells < 2:
-        raise ConfigError(f"refinement = {refinement}: gives {slot_cells} cells per slot, must give at least 2")
+        raise ConfigError(f"refinement = {refinement}: a slot has {slot_cells} cells, but needs at least 2")
     wake_x = graded_faces(_WAKE, LENGTH, DOMAIN_X[1], refinement)
     around, body = _around(refinement, wake_x)
     across = _across(refinement)
 
-    # The points of the block around the body come first, then the wake block's points that are not on a shared edge.
+    # The points of the block around the body are followed by the wake block's points that are not on a shared edge.
     columns, rows = around.shape[:2]
     ring = np.arange(columns * rows).reshape(columns, rows)
     inner = np.arange(len(wake_x) * (len(across) - 2)).reshape(len(wake_x), -1) + ring.size
     tail = np.column_stack([ring[: len(wake_x), 0][::-1], inner, ring[-len(wake_x) :, 0]])
     core = np.stack(np.meshgrid(wake_x, across[1:-1], indexing="ij"), axis=-1)
     points = np.vstack([around.reshape(-1, 2), core.reshape(-1, 2)])
-    # The lines around the body run from the lower to the upper outlet, so that the flow is on their left.
+    # The lines around the body run from the outlet's lower part to its upper part, so that the flow is on their left.
     cells = np.vstack([_quads(ring), _quads(tail)])
     cells = cells[_renumbering(cells, len(points))]
 
@@ -149,16 +149,16 @@ def _grid(x: npt.ArrayLike, y: npt.ArrayLike) -> Array:
 
 
 def _quads(block: Index) -> Index:
-    """Return the cells of a structured block of vertices (i, j). The vertices of a cell are counter-clockwise if j runs
-    to the left of i."""
+    """Return the cells of a structured block of vertices (i, j). The vertices of a cell are counter-clockwise if
+    direction j is to the left of direction i."""
     corners = (block[:-1, :-1], block[1:, :-1], block[1:, 1:], block[:-1, 1:])
     return np.stack([corner.ravel() for corner in corners], axis=1)
 
 
 def _match(cells: Index, n: int) -> tuple[Index, Index, Index, Index]:
-    """Return four arrays with an entry for each edge of each cell. They hold the edge's vertex pair, with the cell on
-    its left; the cell; the index of the entry for the same edge of the other cell, or -1 at a boundary; and a code of
-    the vertex pair."""
+    """Return four arrays with an entry for each edge of each cell: the edge's vertex pair, with the cell on its left;
+    the cell; the index of the entry for the same edge in the neighbouring cell, or -1 at a boundary; and an integer
+    that identifies the vertex pair."""
     pairs = np.stack([cells, np.roll(cells, -1, axis=1)], axis=2).reshape(-1, 2)
     cell = np.repeat(np.arange(len(cells)), 4)
     code, reverse = pairs @ np.array([n, 1]), pairs @ np.array([1, n])

@@ -33,7 +33,7 @@ from wake.solver.grid import Grid, truck_grid
 
 
 class OpenFoamWake(NeverCopied, SteppedPlant):
-    """The flow around the truck. Use it in a `with` statement, or call `close`, because icoFoam is a child process.
+    """The flow around the truck. Use this class in a `with` statement or call `close`: icoFoam is a child process.
     Raises PlantError if icoFoam is not installed, does not accept the state, or fails.
 
     Args:
@@ -47,7 +47,7 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
             not hold the wind.
     """
 
-    INSTEAD: ClassVar = "icoFoam is a process; give its state() to another OpenFoamWake"
+    INSTEAD: ClassVar = "icoFoam is a process; give the plant's state() to another OpenFoamWake"
 
     def __init__(
         self,
@@ -90,7 +90,7 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         or clock or is not finite, or icoFoam does not start."""
         velocity = state.velocity
         if len(velocity) != len(self.mesh.cells):
-            raise PlantError(f"flow state has {len(velocity)} cells, this mesh has {len(self.mesh.cells)}")
+            raise PlantError(f"flow state has {len(velocity)} cells, but this mesh has {len(self.mesh.cells)}")
         if not (np.isfinite(velocity).all() and np.isfinite(state.pressure).all()):
             raise PlantError("flow state holds values that are not finite")
         # As in stillwake's solver, a state at t = 0 can continue with any clock.
@@ -118,7 +118,7 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         return self.sample()
 
     def state(self) -> FoamState:
-        """Return a state for a later `reset`. Raises PlantError in the middle of a control period."""
+        """Return a state for a later `reset`. Raises PlantError if called in the middle of a control period."""
         if self._substep == self._first:
             return self._state
         return FoamState(
@@ -130,8 +130,8 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         )
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """Advance as `wake.truck.truck_wake.TruckWake.advance_to` does. Raises PlantError as that method does, if
-        icoFoam fails, or after `duration`."""
+        """Advance as `wake.truck.truck_wake.TruckWake.advance_to` does. Raises that method's errors, and PlantError if
+        icoFoam fails or the run would be longer than `duration`."""
         steps, reached, in_force = self._ramp(substep, action)
         if self._child is None:
             raise PlantError("the openfoam plant is closed")
@@ -144,7 +144,7 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         self._readings = self._follower.read()
         self._substep += steps
         self._action = in_force
-        # `sample` checks this too, but a run need not call `sample` after its last step.
+        # `sample` makes the same check, but a run may end without a call of `sample`.
         self._readings.require_finite(self.t)
 
     def sample(self) -> Sample:
@@ -154,19 +154,19 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         return self._instruments.sample(self._readings, t=self.t, action=self._action, acceleration=acceleration)
 
     def set_reynolds(self, reynolds: float) -> None:
-        """Restart icoFoam with the viscosity of another Reynolds number. Raises PlantError in the middle of a control
-        period, or if icoFoam does not start."""
+        """Restart icoFoam with the viscosity of another Reynolds number. Raises PlantError if called in the middle of a
+        control period, or if icoFoam does not start."""
         state = self.state()
         self.config = replace(self.config, reynolds=reynolds)
         self.reset(state)
 
     def scale(self, ratio: float) -> None:
-        """Restart icoFoam with a flow that is scaled as by `TruckWake.scale`; raises as `set_reynolds` does."""
+        """Restart icoFoam with a flow that is scaled as in `TruckWake.scale`. Raises the errors of `set_reynolds`."""
         self.reset(scaled(self.state(), ratio))
 
     def vorticity(self) -> Array:
-        """Return dv/dx - du/dy at the corners of `grid`, as `TruckWake.vorticity` does. Raises PlantError in the middle
-        of a control period."""
+        """Return dv/dx - du/dy at the corners of `grid`, as `TruckWake.vorticity` does. Raises PlantError if called in
+        the middle of a control period."""
         grid = self.grid
         velocity, points = self.state().velocity, np.stack(np.meshgrid(grid.xc, grid.yc, indexing="ij"), axis=-1)
         at_points = LinearNDInterpolator(self._triangles, velocity)(points)
@@ -183,7 +183,7 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
 
     @cached_property
     def _triangles(self) -> Delaunay:
-        """The triangles between the cells' centres. They are cached, because the triangulation takes seconds."""
+        """The triangulation of the cells' centres. It is cached, because it takes seconds to compute."""
         return Delaunay(self.mesh.centres)
 
     def pressure(self) -> None:

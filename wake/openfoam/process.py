@@ -3,8 +3,8 @@
 The boundary condition of jets and inlet (`wake.openfoam.case`) reads the velocity at listed instants from one file for
 each instant. In the time step after an instant, the condition opens the file of the next instant. Here the end of every
 time step is an instant, and the files are named pipes, one for each patch. So icoFoam waits at the start of each time
-step until the velocities at the step's end arrive. By then icoFoam has written all measurements of the previous step. A
-ramp can then start at any time step of a control period, as in stillwake's solver.
+step until it receives the velocities at the step's end. Before it waits, it writes all measurements of the step before.
+So a ramp can start at any time step of a control period, as in stillwake's solver.
 """
 
 import ctypes
@@ -54,7 +54,7 @@ class IcoFoam(NeverCopied):
         command: the program that runs in the case: icoFoam, or another program in tests.
     """
 
-    INSTEAD: ClassVar = "it is a process; start another process"
+    INSTEAD: ClassVar = "icoFoam is a process; start another process"
 
     def __init__(
         self,
@@ -97,10 +97,10 @@ class IcoFoam(NeverCopied):
         path = self.folder / LOG
         lines = [line.strip() for line in path.read_text(encoding="utf-8", errors="replace").splitlines()]
         tail = " | ".join([line for line in lines if line][-_TAIL:]) or "(nothing)"
-        return PlantError(f"icoFoam {what}; {path} ends: {tail}")
+        return PlantError(f"icoFoam {what}; the last lines of {path}: {tail}")
 
     def stop(self) -> None:
-        """End icoFoam, and close its pipes; kill it if it does not react."""
+        """End icoFoam, and close its pipes. If icoFoam does not end in time, kill it."""
         for end in (self._child.terminate, self._child.kill):
             if not self.running:
                 break
@@ -127,8 +127,8 @@ class IcoFoam(NeverCopied):
             self._waiting = self._open(case.DRIVEN[0])
 
     def send(self, action: float, stream: float = 1.0) -> None:
-        """Let icoFoam take a time step that ends with the jets' flow rate `action` and the free stream `stream`, in
-        U_inf. Raises PlantError as `wait_for_step` does."""
+        """Let icoFoam take a time step. At its end the jets' flow rate is `action` (in U_inf W), and the free stream is
+        `stream` (in U_inf). Raises the errors of `wait_for_step`."""
         assert self._mesh is not None, "a case without pipes runs by itself"
         self.wait_for_step()
         for patch in case.DRIVEN:
@@ -162,5 +162,5 @@ class IcoFoam(NeverCopied):
 
 
 def _die_with_parent() -> None:
-    """Let the kernel end the child process when the thread that started it ends for any reason."""
+    """Let the kernel kill this child process as soon as the thread that started the process has ended."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -82,7 +82,7 @@ def read_fields(folder: Path) -> dict[str, bytes]:
     try:
         return {name: (folder / name).read_bytes() for name in _FIELDS}
     except OSError as error:
-        raise PlantError(f"{folder}: not a state of icoFoam ({error})") from error
+        raise PlantError(f"{folder} is not a state of icoFoam ({error})") from error
 
 
 def put(state: FoamState, folder: Path) -> None:
@@ -122,7 +122,7 @@ def load(path: Path) -> tuple[FoamState, str]:
         data = read_npz(path)
         about = json.loads(data.text("about"))
         if about["schema"] != STATE_SCHEMA:
-            raise PlantError(f"{path}: schema {about['schema']!r}, this version reads {STATE_SCHEMA!r}")
+            raise PlantError(f"{path} has schema {about['schema']!r}, but this version reads {STATE_SCHEMA!r}")
         state = FoamState(
             files={name: data[name].tobytes() for name in _FIELDS},
             dt=float(about["dt"]),
@@ -132,7 +132,7 @@ def load(path: Path) -> tuple[FoamState, str]:
         )
         return state, str(about["facts"])
     except (OSError, KeyError, ValueError, TypeError) as error:
-        raise PlantError(f"{path}: not a state of the openfoam plant ({error})") from error
+        raise PlantError(f"{path} is not a state of the openfoam plant ({error})") from error
 
 
 def from_own_solver(state: State, mesh: Mesh) -> tuple[Array, Array]:
@@ -155,7 +155,7 @@ def require_truck(body: BodyConfig) -> None:
     for name in ("length", "leading_edge_radius", "sensors_per_side", "sensors_on_base"):
         value, truck = getattr(body, name), getattr(TRUCK_BODY, name)
         if value != truck:
-            raise PlantError(f"body.{name} = {value}: OpenFOAM's mesh is for the truck, with {truck}; leave body.* out")
+            raise PlantError(f"body.{name} = {value}: must be {truck}, because OpenFOAM's mesh is for the truck")
 
 
 def _settle(folder: Path, mesh: Mesh, config: FlowConfig, foam: OpenFoamConfig, progress: _Progress) -> None:
@@ -189,13 +189,13 @@ def developed(
     folder: Path, config: FlowConfig, foam: OpenFoamConfig, progress: _Progress = lambda t, total: None
 ) -> FoamState:
     """Return the developed wake. If `folder/developed.npz` has a wake for these settings, this wake is read. Otherwise
-    the wake is computed, in minutes, from the developed wake of stillwake's solver, and stored in this file. A later
-    call continues an interrupted computation. Raises PlantError if icoFoam is missing or fails, or the stored file is
-    damaged."""
+    the wake is computed, in minutes, from the developed wake of stillwake's solver, and stored in this file. If a call
+    is interrupted, the next call continues the computation. Raises PlantError if icoFoam is missing or fails, or if the
+    stored file is damaged."""
     require_installed()
     mesh, path = truck_mesh(foam.refinement), folder / "developed.npz"
     facts = f"{len(mesh.cells)} cells, Re {config.reynolds:g}, {foam.develop_time:g} t_c at 1/{foam.develop_substeps}"
-    # States of earlier versions lack this text, because the velocity at their inlet cannot change.
+    # States of earlier versions cannot be used, because their inlet velocity cannot change. Their line lacks this text.
     facts += ", inlet from files"
     if path.is_file():
         kept, made_with = load(path)

@@ -41,7 +41,7 @@ SENSOR_COLOURS: Final = "viridis"
 BLOWING: Final = "#ff7f0e"
 SUCKING: Final = "#8e44ad"
 SENSOR_RANGE: Final = (-0.9, 0.1)
-"""Ends of the colour scale for wall Cp. Sensors on the uncontrolled truck have this range."""
+"""Ends of the colour scale for wall Cp. The Cp of the uncontrolled truck's sensors lies in this range."""
 
 _LEVEL: Final[dict[Kind, float]] = {"vorticity": 4.0, "pressure": 1.0}
 _LABEL: Final[dict[Kind, str]] = {
@@ -56,7 +56,7 @@ PICTURES: Final = (".png", ".pdf", ".svg")
 class WakePicture:
     """A figure of fixed size that shows the present state of a plant and can be updated.
 
-    It shows a field in colour, the body, arrows for the jets, and the sensors' Cp. The colour scales are fixed.
+    The figure shows a field in colour, the body, arrows for the jets, and the sensors' Cp. The colour scales are fixed.
 
     Args:
         kind: field that is drawn in colour: the vorticity, or Cp in the flow.
@@ -139,7 +139,7 @@ class WakePicture:
         self.update()
         canvas: Any = self.figure.canvas
         canvas.draw()
-        # The layout is computed only once, because this is slow, and because the layout must not change between frames.
+        # The layout is kept, because computing it is slow, and because it must be the same in all frames.
         self.figure.set_layout_engine("none")
         return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 

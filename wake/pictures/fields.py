@@ -1,7 +1,7 @@
 """The fields of a flow for pictures: values in the cell centres, averages over time, and an interpolation to pixels.
 
-The live page, the run folder and the report use a picture in levels. A level is a small integer. Levels take little
-space, and the page that shows the picture chooses the colours.
+The live page, the run folder and the report use a picture whose pixels are small integers, the levels. Levels take
+little space, and the page that shows the picture chooses a colour for each level.
 """
 
 from collections.abc import Callable
@@ -33,11 +33,11 @@ def mean_flow(
     wake: TruckWake, actions: Array, skip: int = 0, progress: Callable[[int, int], None] = lambda done, total: None
 ) -> Flow:
     """Run the plant from its present state with the actions, one per control period. Return the mean of the flows at
-    the ends of all control periods except the first `skip` periods. Wall pressures and forces are linear functions of a
-    flow's buffer, so the mean flow gives their means. `progress` is called with (periods done, total). Raises
+    the ends of all control periods except the first `skip` periods. Wall pressures and wall forces are linear functions
+    of a flow's buffer, so the mean flow gives their means. `progress` is called with (periods done, total). Raises
     PlantError if no period remains."""
     if len(actions) <= skip:
-        raise PlantError("mean over 0 instants: at least 1 is needed")
+        raise PlantError("the mean flow needs at least one control period after the skipped periods")
     mean = Flow.zeros(wake.grid.shape)
     for k, action in enumerate(actions):
         wake.advance(float(action))
@@ -87,7 +87,7 @@ Levels = npt.NDArray[np.int8]
 FIELD_LEVEL: Final = 5.0
 """|vorticity| at the ends of the colour scale, in U_inf / W."""
 TOP: Final = 127
-"""The level that stands for the vorticity `FIELD_LEVEL`."""
+"""The level of the vorticity `FIELD_LEVEL`, and the largest level."""
 
 
 def field_levels(vorticity: Array) -> Levels:

@@ -1,9 +1,9 @@
 """The free stream as a function of time: gusts, and the speed of a vehicle from a shipped profile or a user's file.
 
-The plant computes in units of one speed U, the speed of the operating point. At a vehicle speed v the free stream is v
-/ U; viscosity, size and control period do not change. A gust is a head wind that varies in time and is uniform far from
-the body. A gust is computed as a change of the body's speed through the air (`wake.solver.navier_stokes`), so that
-pressures remain relative to the free stream. Forces and pressures are made dimensionless with U alone.
+The unit of speed is U, the speed of the operating point. So at a vehicle speed v the plant's free stream is v / U; its
+viscosity, size and control period do not change. A gust is a head wind that varies in time and is uniform far from the
+body. It is computed as a change of the body's speed through the air (`wake.solver.navier_stokes`), so that pressures
+remain relative to the free stream. Forces and pressures are made dimensionless with U at every speed.
 """
 
 import csv
@@ -26,7 +26,7 @@ Wind = Callable[[float], float]
 @dataclass(frozen=True, kw_only=True)
 class Gust:
     """A wind that oscillates sinusoidally about U_inf. The amplitude is in U_inf; the period and the start are in t_c.
-    `cycles` is a whole number, so that the gust ends at U_inf, or infinite."""
+    `cycles` is infinite, or a whole number, so that the gust ends at U_inf."""
 
     amplitude: float
     period: float
@@ -41,10 +41,10 @@ class Gust:
 
 _HEADER: Final = ("t_s", "speed_m_per_s")
 MOST_RATIO: Final = 2.0
-"""Largest ratio of a vehicle speed to U. Re is then 1000; at larger ratios the mesh does not resolve the wake."""
+"""Largest ratio of a vehicle speed to U. At this ratio Re is 1000; at larger Re the mesh does not resolve the wake."""
 _MOST_ROWS: Final = 100_000
 DESIGN_KM_PER_H: Final = 90.0
-"""The speed in the WLTC that is scaled to U. With U = 25 m/s the profile is the original cycle."""
+"""The speed in the WLTC that is scaled to U. If U is 25 m/s (90 km/h), the speeds of the WLTC do not change."""
 
 _WLTC: Final = """
 60.2 62.3 64.7 67.1 69.2 70.7 71.9 72.7 73.4 73.8 74.1 74.0 73.6 72.5 70.8 68.6 66.2 64.0 62.2 60.9 60.2 60.0 60.4 61.4
@@ -127,7 +127,7 @@ _GUSTS: Final = {"gusty-ramp": Gust(amplitude=0.1, period=20.0)}
 
 def find_drive(text: str, point: OperatingPoint) -> Drive:
     """Return the shipped profile that is called `text`, or read the file with this path. Raises ConfigError if there is
-    no such profile or file, or the file's content is not a drive; the message states the line and the value."""
+    no such profile or file, or if the file does not contain a drive; the message states the wrong line and value."""
     if text in _PROFILES:
         times, ratios = zip(*_PROFILES[text], strict=True)
         return Drive(name=text, times=times, speeds=tuple(r * point.speed for r in ratios), gust=_GUSTS.get(text))
@@ -137,7 +137,7 @@ def find_drive(text: str, point: OperatingPoint) -> Drive:
 
 
 def read_drive(path: Path, point: OperatingPoint) -> Drive:
-    """Read a drive from a CSV file with the columns of `_HEADER`; raises as `find_drive` does."""
+    """Read a drive from a CSV file with the columns of `_HEADER`. Raises the errors of `find_drive`."""
     rows = list[tuple[float, float]]()
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -147,7 +147,7 @@ def read_drive(path: Path, point: OperatingPoint) -> Drive:
             for row in table:
                 rows.append(_row(row, f"drive {path}, line {table.line_num}", MOST_RATIO * point.speed))
                 if len(rows) > _MOST_ROWS:
-                    raise ConfigError(f"drive {path}: more than {_MOST_ROWS} rows")
+                    raise ConfigError(f"drive {path}: has more than {_MOST_ROWS} rows")
                 if len(rows) > 1 and not rows[-1][0] > rows[-2][0]:
                     raise ConfigError(
                         f"drive {path}, line {table.line_num}: t_s = {rows[-1][0]:g} comes after {rows[-2][0]:g}; "
@@ -156,7 +156,7 @@ def read_drive(path: Path, point: OperatingPoint) -> Drive:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"drive {path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
     if not rows:
-        raise ConfigError(f"drive {path}: no row; at least one time and speed are needed")
+        raise ConfigError(f"drive {path}: has no row; must have at least one time and speed")
     times, speeds = zip(*rows, strict=True)
     return Drive(name=path.name, times=times, speeds=speeds).after(-times[0])
 
@@ -175,6 +175,6 @@ def _row(row: Mapping[str, str | None], where: str, fastest: float) -> tuple[flo
     t, speed = values
     if not 0.0 <= speed <= fastest:
         raise ConfigError(
-            f"{where}: speed_m_per_s = {speed:g} must be in 0..{fastest:g}, {MOST_RATIO:g} times operating_point.speed"
+            f"{where}: speed_m_per_s = {speed:g} must be in 0..{fastest:g} ({MOST_RATIO:g} times operating_point.speed)"
         )
     return t, speed

@@ -127,7 +127,7 @@ class SteppedPlant(Plant):
 
     def _ramp(self, substep: int, action: float | None) -> tuple[int, float, float]:
         """Check the arguments of `advance_to`. Return the number of time steps, the flow rate that the ramp has reached
-        after these steps, and the flow rate that is then in force: exactly the action at the period's end."""
+        after these steps, and the flow rate in force after them: the same, but exactly `action` at a period's end."""
         into, last = self.substeps_into_period, self.config.substeps
         if not into < substep <= last:
             raise PlantError(f"cannot advance to substep {substep} of {last} from substep {into}")

@@ -1,8 +1,8 @@
 """The job that records one episode block by block, and the folder of an unfinished recording. A job holds all data that
 a process needs, including a controller.
 
-`task.json` holds the recording's settings, so that only a call with equal settings continues it. `owner` holds the
-token of the call that records; a worker stops when it finds another token. Each block has a file of samples, and a file
+`task.json` holds the recording's settings; only a call with equal settings continues the recording. `owner` holds the
+token of the call that records; a worker stops if the token changes. Each block has a file of samples, and a file
 of the state at its end (the flow and the policy's memory). The state is written first, so that every complete block can
 be continued. A file is either complete or absent, so a stopped recording continues as if it had not been stopped.
 """
@@ -55,11 +55,11 @@ class PartsFolder:
         if self.path.is_dir() and any(path.is_dir() for path in self.path.iterdir()):
             begun = self.task()
             if begun is None:
-                raise StillwakeError(f"{self.path} holds parts of an unknown recording: delete it first")
+                raise StillwakeError(f"{self.path} holds parts of an unknown recording: delete this folder first")
             if begun != task:
                 raise StillwakeError(
                     f"{self.path} holds an unfinished recording with other settings ({differing(begun, task)}): finish "
-                    f"it with its own settings, or delete it first"
+                    f"it with its own settings, or delete this folder first"
                 )
         else:
             # No block is recorded yet, so the settings of an earlier call may be replaced.
@@ -98,7 +98,7 @@ class PartsFolder:
         return task
 
     def clear(self) -> None:
-        """Remove the folder. If the process is killed meanwhile, the folder is either complete or absent."""
+        """Remove the folder. If the process is killed while it does this, the folder is either complete or absent."""
         shutil.rmtree(self._done, ignore_errors=True)
         self.path.replace(self._done)
         shutil.rmtree(self._done)
@@ -187,7 +187,7 @@ def _load(path: Path, names: Mapping[str, str] | tuple[str, ...]) -> dict[str, n
         data = read_npz(path)
         return {name: data[name] for name in names}
     except (OSError, ValueError) as error:
-        raise StillwakeError(f"{path}: damaged block ({error}); delete this file to record the block again") from error
+        raise StillwakeError(f"{path}: block is damaged ({error}); delete it to record the block again") from error
 
 
 class Policy(Protocol):
@@ -301,8 +301,8 @@ class EpisodeJob:
 
 
 def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | None = None) -> dict[str, Any]:
-    """Return all settings that determine the samples and are not in the plan, with the versions of `packages`, as plain
-    JSON. Raises PlantError if the start's file cannot be read."""
+    """Return all settings outside the plan that determine the samples, and the versions of the software and `packages`,
+    as plain JSON. Raises PlantError if the start's file cannot be read."""
     return {
         "body": asdict(config.body),
         # Older recordings do not hold the refinement, so it is left out. The entry "grid" has the resolution.
@@ -330,7 +330,7 @@ def _sha256(path: Path) -> str:
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
-        raise PlantError(f"{path}: not a flow state ({error.strerror or error})") from error
+        raise PlantError(f"{path} is not a flow state ({error.strerror or error})") from error
 
 
 def _state_in(start: Path | None) -> State:

@@ -61,7 +61,7 @@ def sine(steps: int, flow: FlowConfig, *, amplitude: float, frequency: float) ->
 def exploration(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator, *, rms: float) -> Array:
     """Compute coloured noise to add to a controller's commands; shape (steps,), in U_inf W. The noise is an
     Ornstein-Uhlenbeck process: Gaussian, stationary from the first step on, with autocorrelation exp(-lag /
-    `exploration_time`). For one seed, a longer signal begins with the shorter signal. The noise is not clipped here;
+    `exploration_time`). With equal seeds, a longer signal begins with the shorter signal. The noise is not clipped;
     the sum of command and noise is clipped later. `rms` is a fraction of the action limit."""
     kept = np.exp(-flow.control_period / forcing.exploration_time)
     white = rng.standard_normal(steps)

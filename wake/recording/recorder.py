@@ -36,8 +36,8 @@ _NOT_COMPARED: Final = "versions"
 
 def is_finished(output: Path, jobs: Sequence[EpisodeJob]) -> bool:
     """Return whether the file exists and holds all episodes of the jobs, recorded with equal settings. Episodes that
-    later rounds have added are not compared. Raises OutputError if the file cannot be read, or (with the first
-    difference) holds another recording."""
+    later rounds have added are not compared. Raises OutputError if the file cannot be read or holds another
+    recording; the message states the first difference."""
     if not output.exists():
         return False
     try:
@@ -105,10 +105,10 @@ def record(
         notice: called with a line of text when a worker was lost or has joined.
         block_steps: number of control steps between two writes to disk.
         start: file of the flow state in which episodes begin; None means the shipped state. Workers read this path.
-        overwrite: whether an existing file is replaced, once the new file is complete.
+        overwrite: whether an existing file is replaced as soon as the new file is complete.
 
     Raises:
-        OutputError: if there is a file of other plans or settings, and `overwrite` is False.
+        OutputError: if `output` exists with other plans or settings, and `overwrite` is False.
         StillwakeError: if the output cannot be written, stored parts have other plans or settings, or workers fail.
         PlantError: if the flow diverges, or cannot start in `start`.
     """
@@ -277,7 +277,7 @@ def record_round(
 
 
 def _added(jobs: Sequence[EpisodeJob], there: Sequence[Episode]) -> bool:
-    """Return whether parts of these jobs still exist although the data set holds their episodes."""
+    """Return whether the data set already holds the jobs' episodes while their parts still exist."""
     if jobs[0].parts.task() != task_of(jobs) or any(job.blocks.finished < job.plan.steps for job in jobs):
         return False
     by_name = {episode.name: episode for episode in there}

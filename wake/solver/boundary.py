@@ -5,8 +5,8 @@ stencil of an open face is a ghost. Its value comes from a parabola along the wa
 exact wall and passes through two image points in the flow, where the velocity is interpolated bilinearly between open
 faces. On a wall along the grid lines, a straight line from zero on the wall to one open face replaces the parabola.
 
-In the mass balance a ghost carries no flow, so there the wall is a staircase. The method is still of second order,
-because the volume flow within one cell of a no-slip wall is proportional to the distance squared.
+In the mass balance a ghost carries no flow, so the wall is a staircase in this balance. The method is still of second
+order, because the volume flow between a no-slip wall and a nearby point grows with the square of the distance.
 """
 
 from collections.abc import Callable
@@ -58,7 +58,7 @@ class Boundary:
 
 
 def build(grid: Grid, distance: SignedDistance) -> Boundary:
-    """Classify the grid. `distance` is the distance to the wall: positive in the fluid, and exact near the wall."""
+    """Classify the grid. `distance` computes the distance to the wall: positive in the fluid, exact near the wall."""
     nx, ny = grid.shape
     fluid = distance(*np.meshgrid(grid.xc, grid.yc, indexing="ij")) > 0
     open_u = np.zeros((nx + 1, ny), dtype=bool)

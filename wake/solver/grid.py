@@ -41,8 +41,8 @@ _SPACING_Y: _Spacing = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Grid:
-    """The coordinates of the faces, and the spacings derived from these coordinates, for nx by ny cells. A grid without
-    a body has only `xf` and `yf`.
+    """The coordinates of the faces, and the spacings derived from these coordinates, for nx by ny cells. Only `xf`
+    and `yf` are needed without a body.
 
     Attributes:
         xf, yf: coordinates of the faces, shapes (nx + 1,) and (ny + 1,).
@@ -107,7 +107,7 @@ def box_grid(length: float, refinement: float = 1.0) -> Grid:
     slot_cells = len(y_parts[1]) - 1
     if slot_cells < 2:
         raise ConfigError(
-            f"refinement = {refinement:g}: gives {slot_cells} cells per slot, must give at least 2: take 0.38 or more"
+            f"refinement = {refinement:g}: a slot has {slot_cells} cells, but needs at least 2: take 0.38 or more"
         )
     half = _join(y_parts)
     yf = np.concatenate([-half[:0:-1], half])
@@ -140,7 +140,7 @@ def graded_faces(spacing: _Spacing, start: float, end: float, refinement: float,
 
 def bilinear(x: Array, y: Array, px: float, py: float) -> list[tuple[tuple[int, int], float]]:
     """Return the nodes (i, j) of the tensor grid x, y around a point, with their weights; zero weights are left out."""
-    # Python's min and max are faster here than np.clip, and this function runs 15,000 times for one plant.
+    # Python's min and max are faster here than np.clip, and building a plant calls this function 15,000 times.
     i = min(max(int(x.searchsorted(px)) - 1, 0), len(x) - 2)
     j = min(max(int(y.searchsorted(py)) - 1, 0), len(y) - 2)
     a = (px - x[i]) / (x[i + 1] - x[i])

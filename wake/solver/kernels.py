@@ -6,8 +6,8 @@ term interpolates with equal weights, so it conserves kinetic energy (Verstappen
 Runge-Kutta step are not projected. The flux form would count their divergence twice and halve the stable step.
 
 Arrays are padded as in `wake.solver.grid`; the pressure beyond the outlet is mirrored with opposite sign. A run (i, j0,
-j1) stands for the faces j0 .. j1 - 1 of row i, in unpadded indices. Runs list the faces to compute, so that the loops
-over j have no branch.
+j1) stands for the faces j0 .. j1 - 1 of row i, in unpadded indices. Runs cover exactly the faces to compute, so that
+loops over j need no condition.
 """
 
 from typing import Generic, NamedTuple, TypeVar
@@ -62,8 +62,8 @@ class Domain(NamedTuple):
 def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """Compute `q = a * q + du/dt` on the open u-faces, including the gradient of the pressure p.
 
-    Rows are sliced to start at the run, and the x- and y-terms have separate loops, because the compiler does not
-    vectorise a loop whose indices could be negative, or that has too many arrays to prove them distinct.
+    The compiler does not vectorise a loop whose indices could be negative, so rows are sliced to start at the run. Nor
+    does it vectorise a loop over very many arrays, so the x- and y-terms have separate loops.
     """
     real = u.dtype.type
     one, two, half, nu = real(1.0), real(2.0), real(0.5), real(nu)
@@ -106,7 +106,7 @@ def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
     one, half, quarter, nu, a = real(1.0), real(0.5), real(0.25), real(nu), real(a)
     dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
     rdy, rdyc = one / dy, one / dyc
-    # The control volume of a v-face is half of the cell below and half of the cell above; the factors are their shares.
+    # The control volume of a v-face is half of the cell below and half of the cell above, in these proportions.
     below, above = half * dy[:-1] * rdyc[1:-1], half * dy[1:] * rdyc[1:-1]
     along = np.empty_like(dyc)
     for r in range(runs.shape[0]):

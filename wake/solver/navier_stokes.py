@@ -11,11 +11,11 @@ here is kinematic, p / (rho U_inf^2); Cp is twice this pressure.
 A varying wind is given in the frame of the body, as for a vehicle whose speed through the air varies. A change of the
 wind changes the inflow, and accelerates the whole flow uniformly. So the far pressure does not change.
 
-The convective number of a cell is dt (|u| / dx + |v| / dy). The viscous number is 4 nu dt (1 / dx^2 + 1 / dy^2). The
-stability region of a three-stage Runge-Kutta scheme of order 3 ends at 1.73 on the imaginary axis, at 2.0 to 2.4 with
-the viscosity of this flow, and at 2.51 on the real axis. Runs of the uncontrolled truck are stable with a convective
-number of 2.0 at the front corners and diverge at 2.3. Next to the jets, flow is fast in few cells and for a short time.
-Runs of 100 control periods with full reversals of the jets are stable with 4.0 next to the jets and diverge at 4.3.
+The convective number of a cell is dt (|u| / dx + |v| / dy). The viscous number is 4 nu dt (1 / dx^2 + 1 / dy^2). A
+three-stage Runge-Kutta scheme of order 3 is stable up to a convective number of 1.73 without viscosity (2.0 to 2.4 with
+the viscosity of this flow), and up to a viscous number of 2.51. Runs of the uncontrolled truck are stable with a
+convective number of 2.0 at the front corners and diverge at 2.3. Next to the jets, flow is fast in few cells and for a
+short time. Runs of 100 periods with full reversals of the jets are stable with 4.0 next to the jets and diverge at 4.3.
 """
 
 from collections.abc import Callable
@@ -193,7 +193,7 @@ _SAFE: Final = 1.7
 
 
 def advice(grid: Grid, before: Flow, viscosity: float, dt: float) -> str:
-    """Return a message for a time step with which a run that began with the flow `before` diverged. The message states
+    """Return the message for a run that began with the flow `before` and diverged with the time step `dt`. It states
     the largest convective and viscous number of all cells, and a stable time step."""
     u, v = np.abs(before.faces_u), np.abs(before.faces_v)
     along = np.maximum(u[:-1], u[1:]) / grid.dx[:, None]
@@ -202,14 +202,14 @@ def advice(grid: Grid, before: Flow, viscosity: float, dt: float) -> str:
     viscous = float(4.0 * viscosity * dt * (1.0 / grid.dx.min() ** 2 + 1.0 / grid.dy.min() ** 2))
     held = dt / max(2.0, convective / _SAFE, viscous / _SAFE)
     return (
-        f"convective number {convective:.2f} before the run, must be below {CONVECTIVE_LIMIT:g}; viscous number "
-        f"{viscous:.2f}, must be below {VISCOUS_LIMIT:g}: take dt = {held:.2g}"
+        f"convective number {convective:.2f} before the run (must be below {CONVECTIVE_LIMIT:g}), viscous number "
+        f"{viscous:.2f} (must be below {VISCOUS_LIMIT:g}): take dt = {held:.2g}"
     )
 
 
 def check_step(grid: Grid, fluid: Mask, viscosity: float, jet_speed: float, period: float, substeps: int) -> None:
-    """Check that a time step is not too large for this grid, before any flow exists. Raises PlantError with the number
-    that is too large and the sufficient number of substeps. `jet_speed` is the largest jet speed that can be commanded,
+    """Check, before any flow exists, that a time step is not too large for this grid. Raises PlantError with the
+    excessive number and a sufficient number of substeps. `jet_speed` is the largest jet speed that can be commanded,
     in U_inf; `period` is the control period in t_c."""
     dt = period / substeps
     per_x, per_y = 1.0 / grid.dx[:, None], 1.0 / grid.dy
@@ -225,6 +225,6 @@ def check_step(grid: Grid, fluid: Mask, viscosity: float, jet_speed: float, peri
     name, rate, limit = max(numbers, key=lambda entry: entry[1] / entry[2])
     if dt * rate > limit:
         raise PlantError(
-            f"dt = {dt:.3g} ({period:g} t_c in {substeps} substeps): {name} {dt * rate:.2f} on this grid, must be "
-            f"below {limit:g}: take at least {ceil(period * rate / limit)} substeps"
+            f"dt = {dt:.3g} ({period:g} t_c in {substeps} substeps): the {name} is {dt * rate:.2f} on this grid, but "
+            f"must be below {limit:g}: take at least {ceil(period * rate / limit)} substeps"
         )

@@ -10,8 +10,8 @@ Grid and body are symmetric in y, so even and odd right-hand sides are solved se
 the arithmetic, and a symmetric flow remains symmetric bit for bit.
 
 No product uses BLAS, whose rounding depends on the number of threads. So the results of this module are equal bit for
-bit with any number of threads, and in any thread. The module is as fast as BLAS: `_product` computes three rows of its
-result at a time, the width is padded to whole vectors, and arrays are aligned to vectors.
+bit with any number of threads, and in any thread. The products are as fast as with BLAS, because `_product` computes
+three rows of its result at a time, the width is padded to whole vectors, and arrays are aligned to vectors.
 
 Work arrays are allocated once and used again. An allocation in every step can take as long as all other work: in a
 worker's thread the C library may return the memory to the system each time, and the system must then map every page
@@ -134,7 +134,7 @@ def _build_half(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision, 
     links, stiffness = _cut_links(grid, fluid, h)
     if even and len(links):
         # For even phi, the system would be singular if the body's inside were not connected to the fluid. So one link
-        # to the fluid remains. It carries no flux, because no source is inside the body.
+        # to the fluid is not cut. This link carries no flux, because the body contains no source.
         links, stiffness = links[1:], stiffness[1:]
     coupling = coupling[:nx].copy()
     capacitance = _capacitance(q, pivot, coupling, links, stiffness)

@@ -1,5 +1,5 @@
-"""The computation of a developed wake, from fluid at rest or from another grid, and of the steady wake. A start from
-rest, such as the shipped start, takes 100 t_c, because the shedding has to grow first.
+"""The computation of a developed wake, from fluid at rest or from another grid, and of the steady wake. From rest, as
+for the shipped start, a wake takes 100 t_c to develop, because the shedding has to grow first.
 
 The steady wake is the symmetric flow that results if symmetry suppresses shedding. A symmetric flow remains symmetric
 except for rounding errors, which the shedding instability amplifies. After every control period, only the symmetric
@@ -22,8 +22,8 @@ from wake.solver.grid import Component, Flow, Grid
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
-# After an impulsive start, the time step must be small until the first transients have left the leading edge. Each pair
-# is (dt, number of steps); a plant with a shorter time step takes more steps in the same time.
+# After an impulsive start, the time step must be small until the first transients have left the leading edge. A pair is
+# (dt, number of steps). A plant whose own time step is shorter takes more steps for the same time.
 _RAMP: Final = ((1e-4, 200), (1e-3, 200), (2e-3, 1000), (4e-3, 500))
 _KICK_STEPS: Final = 50
 _KICK_AMPLITUDE: Final = 2.0 / 3.0
@@ -106,8 +106,8 @@ def moved(
 
 
 TOLERANCE: Final = 1e-6
-"""Rate of change below which a wake counts as steady, in U_inf / t_c for velocity and in 1 / t_c for drag. These rates
-fall by a factor e in 23 t_c, so the forces are then accurate to 1e-5."""
+"""Rate of change below which a wake counts as steady, in U_inf / t_c for velocity and in 1 / t_c for drag. The forces
+are then accurate to 1e-5, because these rates fall by a factor e in 23 t_c."""
 
 
 _UNEVEN: Final = 1e-9
@@ -123,8 +123,8 @@ def settle(
     longest: float = 600.0,
     progress: Callable[[float, float], None] = lambda t, rate: None,
 ) -> tuple[State, dict[str, float]]:
-    """Run the symmetric flow from rest, with shut jets, until two rates of change are below `tolerance`: the velocity's
-    rate max |du/dt| or |dv/dt| in U_inf / t_c, and the rate of the drag of wall and slots in 1 / t_c. Raises PlantError
+    """Run the symmetric flow from rest, with shut jets, until two rates of change are below `tolerance`: the largest
+    |du/dt| or |dv/dt| in U_inf / t_c, and the rate of the drag of wall and slots in 1 / t_c. Raises PlantError
     if the flow is not steady after `longest` t_c. `progress` is called with the time and the larger rate after every
     control period.
 
@@ -147,8 +147,8 @@ def settle(
             break
     else:
         raise PlantError(
-            f"the symmetric wake is not steady after {longest:g} t_c: max |du/dt| = {velocity_rate:.2g}, "
-            f"|dCd/dt| = {drag_rate:.2g}, must be below {tolerance:g}"
+            f"the symmetric wake is not steady after {longest:g} t_c: max |du/dt| = {velocity_rate:.2g} and "
+            f"|dCd/dt| = {drag_rate:.2g} must be below {tolerance:g}"
         )
     time = wake.t
     state = replace(wake.state(), substep=0, action=0.0)
@@ -186,7 +186,7 @@ def check_steady(wake: TruckWake, state: State) -> None:
 
 def recirculation_length(grid: Grid, flow: Flow) -> float:
     """Return the recirculation bubble's length in a steady or mean flow, in W: from the base to the last point on the
-    axis y = 0 where u turns positive; zero if no flow is backward. A bubble that reaches the outlet ends there."""
+    axis y = 0 where u turns positive; zero if no flow is backward. A bubble cannot end behind the outlet."""
     # The axis is a row of faces, so u is stored half a cell below and above the axis.
     above = grid.shape[1] // 2
     speed = flow.faces_u[grid.rear :, above - 1 : above + 1].mean(axis=1)

@@ -67,18 +67,18 @@ def check_origin(
         raise PlantError(
             f"flow state is for a body of length {origin.body_length:g} and leading-edge radius "
             f"{origin.leading_edge_radius:g}, this plant has {body.length:g} and {body.leading_edge_radius:g}: "
-            "`stillwake develop` with the same --set body.* makes a state that fits; name it with --state"
+            "`stillwake develop` with the same --set body.* makes a file for --state"
         )
     if shape is not None and origin.shape != shape:
         (nx, ny), (mine_x, mine_y) = origin.shape, shape
         raise PlantError(
             f"flow state is for a grid of {nx} x {ny} cells, this grid needs {mine_x} x {mine_y}: `stillwake develop` "
-            "with the same --set flow.refinement makes a start that fits"
+            "with the same --set flow.refinement makes a file for --state"
         )
     if reynolds is not None and origin.reynolds != reynolds:
         raise PlantError(
             f"flow state is for reynolds = {origin.reynolds:g}, this plant has {reynolds:g}: "
-            f"`{develops(reynolds)}` makes a state that fits; name it with --state"
+            f"`{develops(reynolds)}` makes a file for --state"
         )
 
 
@@ -111,7 +111,7 @@ def load_state(path: Path) -> State:
     try:
         data = read_npz(path)
         if data.text("schema") != _STATE_SCHEMA:
-            raise PlantError(f"{path}: schema {data['schema']}, this version reads {_STATE_SCHEMA!r}")
+            raise PlantError(f"{path} has schema {data['schema']}, but this version reads {_STATE_SCHEMA!r}")
         nx, ny = data.numbers("shape", 2)
         one = {name: float(data.numbers(name)) for name in data if not data[name].shape and name != "schema"}
         clocked = "substeps" in data
@@ -128,9 +128,9 @@ def load_state(path: Path) -> State:
             ),
         )
     except KeyError as error:
-        raise PlantError(f"{path}: not a flow state (it lacks {error})") from error
+        raise PlantError(f"{path} is not a flow state (it lacks {error})") from error
     except (OSError, ValueError) as error:
-        raise PlantError(f"{path}: not a flow state ({getattr(error, 'strerror', None) or error})") from error
+        raise PlantError(f"{path} is not a flow state ({getattr(error, 'strerror', None) or error})") from error
 
 
 def developed_state() -> State:

@@ -248,8 +248,8 @@ def _normals(layout: SensorLayout) -> list[tuple[float, float]]:
 
 
 def _cell_size(faces: Array, at: float) -> float:
-    """Return the size of the cell around a point. For a point on a face, return the size of the larger neighbour, so
-    that mirror images agree."""
+    """Return the size of the cell around a point. For a point on a face, return the size of the larger cell beside it,
+    so that mirror images have equal sizes."""
     first, last = np.searchsorted(faces, at, side="left") - 1, np.searchsorted(faces, at, side="right")
     return float(np.diff(faces[first : last + 1]).max())
 

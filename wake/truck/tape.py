@@ -71,9 +71,9 @@ class Tape(CopiedWhole):
         return len(self._periods)
 
     def advance(self, action: float) -> Sample:
-        """Advance the plant by a period, as `TruckWake.advance` does, and store the data that `back` needs. Raises
-        PlantError as the plant does, if the tape becomes too long for its memory, or if the plant's flow is not the
-        flow at the tape's end: after `back`, call `restart` first."""
+        """Advance the plant by a period, as `TruckWake.advance` does, and store the data that `back` needs. Call
+        `restart` before the first call after `back`. Raises the plant's errors, and PlantError if the tape becomes too
+        long for its memory or the plant's flow is not the flow at the tape's end."""
         plant, substeps = self._plant, self._plant.config.substeps
         if not np.array_equal(self._end, plant.flow.flat):
             raise PlantError("the plant is not at the end of the tape: call `restart` before the next window")
@@ -121,7 +121,7 @@ class Tape(CopiedWhole):
         plant is within a control period."""
         into = self._plant.substeps_into_period
         if into:
-            raise PlantError(f"a tape begins with a control period, but the plant is {into} steps into a period")
+            raise PlantError(f"a tape begins at a control period's start, but the plant is {into} steps after it")
         self._spare += [period.steps for period in self._periods if period.steps is not None]
         self._periods.clear()
         self.memory_mb = 0.0
@@ -174,8 +174,8 @@ MEMORY_MB: Final = 7000.0
 """Limit of the tape's memory, in 10^6 bytes. The flow of 125 control periods takes 2000 x 10^6 bytes on the mesh of
 `stillwake refine` and 6900 x 10^6 on the default mesh. Beyond the limit, the tape computes steps a second time."""
 AT_REST: Final = 60.0
-"""Time for which the wake without jets settles at a speed: twelve cycles. The average that follows has the same
-duration. The unit is the convective time at that speed."""
+"""Time for which the wake without jets settles at a speed (twelve cycles), and then time over which it is averaged. The
+unit is the convective time at that speed."""
 
 
 class DifferentiableWake(CopiedWhole):

@@ -29,8 +29,8 @@ class TruckWake(CopiedWhole, SteppedPlant):
     """The flow around the truck, or around another body. Raises ConfigError if the grid is too coarse for the slots;
     PlantError if the time step is too large for this grid.
 
-    A copy is an independent plant that continues bit for bit like the original; so is a pickle if `wind` can be
-    pickled.
+    A copy is an independent plant that continues bit for bit like the original. If `wind` can be pickled, the same
+    holds for a pickle.
 
     Args:
         config: Reynolds number, control period, substeps, action bound and the grid's refinement.
@@ -139,8 +139,8 @@ class TruckWake(CopiedWhole, SteppedPlant):
 
     def sample(self) -> Sample:
         measured, a = self.surface.measure(self.flow), self._action
-        # The integrals of u^3 over a blowing and a sucking slot cancel, so the power of the jets is the work of the
-        # pressure alone.
+        # The jets' kinetic power, the integral of u^3 over both slots, is zero, because one slot blows and the other
+        # sucks. So the power of the jets is only the power of the pressure.
         return Sample(
             t=self.t,
             Cp=measured.Cp,

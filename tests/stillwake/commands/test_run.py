@@ -53,8 +53,8 @@ QUICK_ONES = {
     "--set bus.nominal_bitrate=100": "raise bus.nominal_bitrate or bus.data_bitrate",
     # A start of another Reynolds number, with a command that works.
     "--set flow.reynolds=400": "the shipped start has 500; `stillwake develop start_re400.npz --set flow.reynolds="
-    "400` makes a state, to be given with `--state start_re400.npz --set flow.reynolds=400`",
-    "--state nowhere.npz": "nowhere.npz: not a flow state",
+    "400` makes a state for `--state start_re400.npz --set flow.reynolds=400`",
+    "--state nowhere.npz": "nowhere.npz is not a flow state",
     # Faults on the bus.
     "--disturb ecu:disconnect:kind=device_gone": "use `ecu:disconnect` for an open wire",
     "--disturb ecu:disconnect@5..10": "begins after the end of the run (0.22 s)",

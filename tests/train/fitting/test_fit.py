@@ -47,12 +47,12 @@ def test_a_seed_makes_a_run_and_leaves_the_caller_s_alone(rows, small_config):
 def test_a_checkpoint_of_another_run_is_refused(rows, small_config, tmp_path):
     kept = Checkpoints(folder=tmp_path, identity=IDENTITY)
     fit_joint(rows, small_config, checkpoints=kept)
-    with pytest.raises(ConfigError, match=r"fit\.pt: made with other settings"):
+    with pytest.raises(ConfigError, match=r"fit\.pt was made with other settings"):
         fit_joint(rows, small_config, checkpoints=replace(kept, identity=replace(IDENTITY, settings="[]")))
-    with pytest.raises(DatasetError, match=r"fit\.pt: made from another recording"):
+    with pytest.raises(DatasetError, match=r"fit\.pt was made from another recording"):
         fit_joint(rows, small_config, checkpoints=replace(kept, identity=replace(IDENTITY, dataset_sha256="1")))
     kept.path(Phase.FIT).write_bytes(kept.path(Phase.FIT).read_bytes()[:1000])
-    with pytest.raises(StillwakeError, match=r"fit\.pt: damaged"):
+    with pytest.raises(StillwakeError, match=r"fit\.pt is damaged"):
         fit_joint(rows, small_config, checkpoints=kept)
 
 

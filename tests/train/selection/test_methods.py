@@ -134,8 +134,8 @@ def test_the_choice_is_symmetric_and_grows_from_the_rear_corners():
     layout = SensorLayout.of(names, places, base=(3, 4, 5))
     order = [names[index] for index in methods.select_by_hand(6, layout)]
     assert order == ["roof", "floor", "top", "bottom", "centre", "nose"]
-    for base, symmetric, message in (((3, 4, 5), False, "have no mirror images"), ((), True, "have no base")):
-        with pytest.raises(ConfigError, match=f"'hand': these sensors {message}"):
+    for base, symmetric, message in (((3, 4, 5), False, "needs mirror images"), ((), True, "needs base sensors")):
+        with pytest.raises(ConfigError, match=f"'hand' {message}"):
             methods.select_by_hand(2, SensorLayout.of(names, places, base=base, symmetric=symmetric))
 
 
@@ -186,7 +186,7 @@ def test_fitted_and_judged_windows_are_others_and_none_crosses_an_episode_s_end(
 
 def test_too_few_windows_and_a_teacher_without_opinion_are_refused():
     teacher = listener((("upper_07", 0, 1.0),))
-    with pytest.raises(DatasetError, match="5 windows, too few to fit and test a regression: must be at least 6"):
+    with pytest.raises(DatasetError, match="5 windows: a regression and its test need at least 6"):
         ridge_student(teacher, noise_rows(36), seed=0)
     still = replace(noise_rows(60), inputs=torch.zeros(60, sensors.COUNT + 1))
     with pytest.raises(DatasetError, match="the same in all windows"):

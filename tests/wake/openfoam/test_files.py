@@ -24,7 +24,7 @@ def test_fields_are_read_as_written(tmp_path):
     assert foam_files.parse_cells(field([1.5, -2.0, 1e-300]), "p").tolist() == [1.5, -2.0, 1e-300]
     assert foam_files.parse_cells(field([[1, 2, 3], [4, 5, 6]]), "U").tolist() == [[1, 2, 3], [4, 5, 6]]
     for content, what in (
-        (field([1.0, 2.0, 3.0])[:-32], "p: truncated: holds 1[0-9] of the field's 24 bytes"),
+        (field([1.0, 2.0, 3.0])[:-32], "p is truncated: it has 1[0-9] of the field's 24 bytes"),
         (b"format ascii;\ninternalField   nonuniform List<scalar>\n1\n(1\n)", "must hold a binary list"),
     ):
         with pytest.raises(PlantError, match=what):
@@ -115,7 +115,7 @@ def test_missing_measurements_and_those_of_another_mesh_are_named(coarse_mesh, t
     with pytest.raises(PlantError, match="no measurements"):
         Follower(tmp_path).read()
     _write_measurements(tmp_path, "0", [0.2], probes=5)
-    with pytest.raises(PlantError, match="5 pressures read"):
+    with pytest.raises(PlantError, match="5 pressures were read"):
         Instruments(coarse_mesh).sample(Follower(tmp_path).read(), t=3.0, action=0.0)
 
 
@@ -139,7 +139,7 @@ def test_a_state_survives_its_file_and_others_are_refused(tmp_path, monkeypatch)
     path = tmp_path / "state.npz"
     path.write_bytes(b"PK\x03\x04 not a zip")
     for wrong in (path, tmp_path / "none.npz"):
-        with pytest.raises(PlantError, match="not a state of the openfoam plant"):
+        with pytest.raises(PlantError, match="is not a state of the openfoam plant"):
             state.load(wrong)
     monkeypatch.setattr(state, "STATE_SCHEMA", "stillwake-openfoam/0")
     state.save(path, kept, "")

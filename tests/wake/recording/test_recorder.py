@@ -97,11 +97,11 @@ def test_parts_that_do_not_fit_are_refused_by_what_differs(tmp_path):
         record(output, plans, block_steps=4)
     block = tmp_path / "a.h5.parts" / "training_5" / "000000.npz"
     block.write_bytes(block.read_bytes()[:100])
-    with pytest.raises(StillwakeError, match=r"000000\.npz: damaged block"):
+    with pytest.raises(StillwakeError, match=r"000000\.npz: block is damaged"):
         recorded(output, plans)
     label = tmp_path / "a.h5.parts" / "task.json"
     label.write_text("{")
-    with pytest.raises(StillwakeError, match="unknown recording: delete it first"):
+    with pytest.raises(StillwakeError, match="unknown recording: delete this folder first"):
         recorded(output, plans)
 
 
@@ -166,7 +166,7 @@ def test_a_start_that_failed_leaves_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(recorder, "TruckWake", diverging)
     with pytest.raises(PlantError, match="flow diverged"):
         record(tmp_path / "new" / "deep" / "a.h5")
-    with pytest.raises(StillwakeError, match=r"start\.npz: not a flow state"):
+    with pytest.raises(StillwakeError, match=r"start\.npz is not a flow state"):
         record(tmp_path / "a.h5", start=tmp_path / "start.npz")
     assert list(tmp_path.iterdir()) == []
 

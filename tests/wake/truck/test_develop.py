@@ -32,7 +32,7 @@ def test_a_linear_flow_is_interpolated_exactly():
     # Also beyond the outermost points of the fine grid, in double precision over some 30 W.
     assert np.abs(found.flat - linear(coarse).flat).max() < 1e-12
     # A grid too coarse for the slots is refused with what would do.
-    with pytest.raises(ConfigError, match=r"refinement = 0\.35: gives 1 cells per slot, .* take 0\.38 or more"):
+    with pytest.raises(ConfigError, match=r"refinement = 0\.35: a slot has 1 cells, .* take 0\.38 or more"):
         TruckWake(FlowConfig(refinement=0.35))
     assert truck_grid(0.38).slot_cells == 2
 

@@ -151,7 +151,7 @@ def test_what_is_no_state_file_is_one_clear_error(wake, tmp_path):
     with np.load(path) as data:
         content = {key: data[key] for key in data.files}
     np.savez(path, **(content | {"schema": "stillwake-flow/1"}))
-    with pytest.raises(PlantError, match=r"schema stillwake-flow/1, this version reads 'stillwake-flow/2'"):
+    with pytest.raises(PlantError, match=r"schema stillwake-flow/1, but this version reads 'stillwake-flow/2'"):
         load_state(path)
 
 
