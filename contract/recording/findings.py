@@ -144,7 +144,7 @@ def _of_episode(episode: Episode, dataset: Dataset, config: Config) -> Iterator[
     if beyond.any():
         largest = int(np.abs(actions).argmax())
         where = "before the first sample" if largest == 0 else f"at step {largest - 1}"
-        many = f"({int(beyond.sum())} of {len(actions)} are)"
+        many = f"({int(beyond.sum())} of {len(actions)} actions are)"
         yield f"episode {name}: action is {actions[largest]:g} {where}, beyond the limit of {limit:g} {many}"
 
 

@@ -54,7 +54,7 @@ def judging_need(config: Config) -> Need:
 
 
 def window_for_c(steps: float) -> int:
-    """Return the length of a window, nearest to `steps`, that the ECU in C accepts."""
+    """Return the window length that is nearest to `steps` among the lengths that the ECU in C accepts."""
     return max(1, round(steps / WINDOW_STEP)) * WINDOW_STEP
 
 

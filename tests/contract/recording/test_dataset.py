@@ -90,7 +90,7 @@ def test_episode_that_does_not_fit_is_refused_by_name():
         (lambda: episode(initial_action=np.nan), "'initial_action'"),
         (lambda: episode(name="a/b"), "'name'"),
         (lambda: replace(episode(), series={}), "'t' is missing"),
-        (lambda: Dataset(episodes=(episode("a"), episode("a", steps=3))), "episode a: named twice"),
+        (lambda: Dataset(episodes=(episode("a"), episode("a", steps=3))), "episode a: two episodes have this name"),
     ):
         with pytest.raises(DatasetError, match=culprit):
             build()
