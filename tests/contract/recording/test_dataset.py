@@ -228,7 +228,7 @@ def test_episodes_come_last_and_the_old_ones_keep_every_bit(written):
     spoilt = shutil.copy(written, written.with_name("few.h5"))
     with h5py.File(spoilt, "r+") as file:
         file.attrs["sensors"] = json.dumps(["base_0"])
-    with pytest.raises(DatasetError, match="recorded with other sensors"):
+    with pytest.raises(DatasetError, match="sensors or their order differ"):
         dataset.read(spoilt)
     append(written, [episode("d")], FACTS)
     with h5py.File(written) as file:

@@ -134,7 +134,7 @@ NONSENSE = [
     ("air_speed", [1e7] * len(SHIPPED["air_speed"]), "air_speed: 10000000.0 must be in -1e"),
     ("window", 6, "air_speed: needs pairs of sensors, and a window of more than 6 rows"),
     ("surprise\x1b[2J", 1, r"\x1b[2J"),
-    ("schema", "stillwake-bundle/5", "reads 'stillwake-bundle/9': export its model again"),
+    ("schema", "stillwake-bundle/5", "reads 'stillwake-bundle/9': export the model again"),
     ("schema", "\x1b[2J" * 1000, "this version reads"),
 ]
 
