@@ -190,8 +190,8 @@ class SpeedConfig(
     most_acceleration: Annotated[Positive[float], Unit("m/s2")] = 15.0
     """Largest possible acceleration. A speed is rejected if reaching it would need a larger acceleration."""
     margin: Annotated[Fraction[float], ours("a 10 % wind and a gust", page="explanation/other-speeds.md")] = 0.12
-    """The jets are shut if the vehicle's speed is outside the release's range by more than this share. A smaller
-    deviation is allowed, because the air speed may be in the range; the ECU then uses the nearest end of the range. The
+    """The jets are shut if the vehicle's speed is outside the release's range by more than this share of the range's
+    nearest end. A smaller deviation is allowed, because the air speed may be in range; the ECU then uses that end. The
     jets restart when the speed is in the range."""
     most_correction: Annotated[Fraction[float], ours("a 10 % wind", page="explanation/other-speeds.md")] = 0.12
     """Largest share by which the ECU corrects the speed on the bus with an estimate of the air speed. The speed on the

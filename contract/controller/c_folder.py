@@ -211,7 +211,7 @@ class Numbers:
 
     Attributes:
         struct: name of the struct's type in C.
-        members: values by the members' names, in the struct's order; their types are the types in C.
+        members: arrays by the members' names, in the struct's order; an array's type is the member's type in C.
         alignment: alignment of every member in bytes; None uses the alignment of each member's type.
     """
 

@@ -18,8 +18,7 @@ from contract.recording.plausible import dominant_frequency, implausible, longes
 
 STEP_TOLERANCE: Final = 0.05
 """Largest deviation of a time step from the control period, as a share of the period. A clock error of a twentieth of a
-period shifts the ramp of the jets in the recording. This shift has less effect than the resolution of the four
-pressures that the release reads."""
+period distorts the recorded ramp of the jets less than the finite resolution of the release's four pressures does."""
 CLOCK_TOLERANCE: Final = 1e-3
 """Largest deviation of the mean time step from the control period, as a share of the period. Over a horizon of 25
 steps, the model's clock is then wrong by a fortieth of a step."""

@@ -200,7 +200,7 @@ def _verify_file(path: Path, name: str, found: Mapping[str, bytes], hashes: Mapp
 def _verify_dbc(path: Path, dbc: object) -> str:
     if dbc != dbc_sha256():
         raise errors.BundleDbcError(
-            f"bundle {path}: built for another stillwake.dbc; `stillwake bundle renew` makes a copy for this version"
+            f"bundle {path} was built for another stillwake.dbc; `stillwake bundle renew` makes a copy for this version"
         )
     return dbc_sha256()
 
