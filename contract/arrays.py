@@ -12,7 +12,7 @@ Precision: TypeAlias = npt.DTypeLike
 """Type of the numbers in a computation: np.float64, or np.float32 for flows simulated to train a controller."""
 
 Index: TypeAlias = npt.NDArray[np.intp]
-"""Array of positions in another array, as `np.arange` and `np.argsort` return."""
+"""Array of positions in another array, such as the result of `np.argsort`."""
 
 Mask: TypeAlias = npt.NDArray[np.bool_]
 """Array of flags that selects entries of another array."""

@@ -27,7 +27,7 @@ def leads_to(path: Path) -> Path:
         # A link to a missing folder is an error: it may lead to a disk that is not mounted. Only the last name of the
         # path may be a link to a missing file, which is then created if its folder exists.
         if link.is_symlink() and not link.exists() and (link != path or not place.parent.is_dir()):
-            raise StillwakeError(f"cannot write {path}: {link} is a link to {link.readlink()}, which is not there")
+            raise StillwakeError(f"cannot write {path}: {link} is a link to {link.readlink()}, which does not exist")
     return place
 
 
@@ -41,7 +41,7 @@ def check_writable(path: Path, *, folder: bool = False) -> None:
     if folder and path.is_file():
         raise StillwakeError(f"cannot write {path}: it is a file, must be a directory")
     if path.name in ("", ".."):
-        raise StillwakeError(f"cannot write {path}: name a new folder in it")
+        raise StillwakeError(f"cannot write {path}: name a new folder in this directory")
     place = leads_to(path)
     if path.exists() and not path.is_dir():
         _check_file(path, path.stat())
@@ -71,8 +71,8 @@ def _check_file(path: Path, there: os.stat_result) -> None:
 
 @contextmanager
 def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
-    """Yield a temporary path in the target's folder. The `with` block writes a file or a directory there. If the block
-    succeeds, this file or directory replaces the target; otherwise the file or directory is removed.
+    """Yield a temporary path in the target's folder. The `with` block writes a file or a directory at this path. If the
+    block succeeds, this file or directory replaces the target; otherwise the file or directory is removed.
 
     The target is the path to which all links in `path` lead; the links remain. The new content gets the permissions of
     the old content. An old directory remains until the new directory has replaced it. With `keep`, no directory is
@@ -112,7 +112,7 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
             if leftover.is_dir():
                 shutil.rmtree(leftover, ignore_errors=True)
             else:
-                # A file that was never written cannot be removed. Only the first error must be reported.
+                # The leftover may not exist. An error here must not replace the error that is being raised.
                 with suppress(OSError):
                     leftover.unlink()
         # `rmdir` fails for a folder that is not empty; such a folder remains.
@@ -137,8 +137,8 @@ def _take_after(new: Path, old: Path) -> None:
 
 
 def names_in(folder: Path) -> set[str]:
-    """Return the names in a folder, without the hidden files that a killed process leaves: the lock file `.NAME.lock`
-    of an output, and `.NAME.PID.part` and `.NAME.PID.old` of this module."""
+    """Return the names in a folder, without the hidden files that a killed process may leave: the lock files
+    `.NAME.lock`, and this module's temporary files `.NAME.PID.part` and `.NAME.PID.old`."""
     return {item.name for item in folder.iterdir() if not _LEFT.fullmatch(item.name)}
 
 

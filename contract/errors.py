@@ -4,8 +4,8 @@ from typing import ClassVar
 
 
 def install(extra: str) -> str:
-    """Return the pip command that installs an extra, together with the data that the extra's commands need. The command
-    installs from a checkout because no package index has stillwake."""
+    """Return the pip command that installs an extra and the data that the extra's commands need. The command installs
+    from a checkout because no package index has stillwake."""
     data = " ./data" if extra in ("sim", "c", "train") else ""
     return f"pip install '.[{extra}]'{data} in a checkout of stillwake"
 
@@ -64,12 +64,12 @@ class BundleDbcError(BundleFileError):
 
 
 class BundleControllerError(BundleError):
-    """A `controller.onnx` that cannot be used: it does not contain a control step, its inputs or outputs are wrong, or
-    it is too slow."""
+    """A `controller.onnx` or `sensors.onnx` that cannot be used: the graph has forbidden content, has wrong inputs or
+    outputs, fails, or is too slow."""
 
 
 class BundleSignatureError(BundleError):
-    """A signature that is malformed, or belongs to another manifest."""
+    """A signature that is malformed, or was made for another manifest or image."""
 
 
 class BundleSignerError(BundleError):

@@ -41,16 +41,16 @@ class SensorLayout:
     def __post_init__(self) -> None:
         count = len(self.names)
         if not 0 < count <= MAX_SENSORS:
-            raise ConfigError(f"{count} sensors: must be at least one, and at most {MAX_SENSORS}")
+            raise ConfigError(f"the layout has {count} sensors: must have 1 to {MAX_SENSORS}")
         for name in self.names:
             if not is_name(name) or name != name.strip() or "," in name:
                 right = f"must be 1 to {MAX_NAME} printable characters, without commas or spaces at its ends"
                 raise ConfigError(f"sensor {quoted(name)}: {right}")
             if self.names.count(name) > 1:
-                raise ConfigError(f"sensor {name!r}: named twice")
+                raise ConfigError(f"sensor {name!r}: two sensors have this name")
         if self.positions.shape != (count, 2) or not (np.abs(self.positions) <= FARTHEST).all():
             wanted = f"must be ({count}, 2) finite numbers within +-{FARTHEST:g} W"
-            raise ConfigError(f"sensor positions of shape {self.positions.shape}: {wanted}")
+            raise ConfigError(f"the sensor positions have shape {self.positions.shape}: {wanted}")
         first, second = np.nonzero(np.triu(_distance(self.positions, self.positions) < SAME_PLACE, 1))
         if first.size:
             one, other = self.names[first[0]], self.names[second[0]]
@@ -88,7 +88,7 @@ class SensorLayout:
             if name not in self.names:
                 raise ConfigError(f"unknown sensor {name!r}: the sensors are {_listed(self.names)}")
         if len(set(names)) != len(names):
-            raise ConfigError(f"sensor named twice in {list(names)}")
+            raise ConfigError(f"a sensor is named twice in {list(names)}")
         return np.array([self.names.index(name) for name in names], dtype=np.intp)
 
     def only(self, columns: Index) -> "SensorLayout":

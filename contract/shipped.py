@@ -31,7 +31,7 @@ MODEL: Final = _DATA / "model"
 
 
 def developed() -> Path:
-    """Return the path of the developed flow: a shedding wake without action, with which episodes begin. Raises
+    """Return the path of the developed flow: a shedding wake without jets, with which episodes begin. Raises
     StillwakeError if the data are not installed."""
     return _present(_DATA / "developed.npz", "the developed flow that runs begin with")
 

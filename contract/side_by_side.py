@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 J = TypeVar("J")
 
 _STOPS: Final = (signal.SIGINT, signal.SIGTERM)
-"""Signals that a terminal sends to every process of a command. Only the parent process reacts to these signals."""
+"""Signals that stop a command. Child processes ignore these signals, so that only the parent process reacts."""
 _POLL_S: Final = 0.2
 _CONNECT_S: Final = 10.0
 
@@ -113,13 +113,13 @@ def _result(future: "Future", name: str, kept: str) -> Any:
 
 @contextmanager
 def dask_client(workers: int, scheduler: str | None) -> "Iterator[Client]":
-    """Open a client of the scheduler, or start a local cluster of single-threaded processes. Raises as `spread`."""
+    """Connect to the scheduler, or start a local cluster of single-threaded processes. Raises as `spread` does."""
     import dask.config
     from distributed import Client
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     if scheduler is None:
-        # The cluster has a separate temporary folder, because dask does not remove its files from the shared folder.
+        # The cluster has its own temporary folder, which is removed at the end, because dask leaves files there.
         with (
             tempfile.TemporaryDirectory(prefix="stillwake-", ignore_cleanup_errors=True) as scratch,
             dask.config.set({"temporary-directory": scratch}),

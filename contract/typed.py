@@ -34,12 +34,12 @@ _STEP: Final = re.compile(r"\.(\w+)|\[(\d+)\]")
 
 
 def read_toml(source: Traversable, what: str) -> dict[str, Any]:
-    """Return the tree of a file. Raises ConfigError, whose message begins with `what`, the kind of the file."""
+    """Return a TOML file's tree. Raises ConfigError with a message that begins with `what`, the kind of the file."""
     try:
         with source.open("rb") as file:
             data = file.read(LARGEST_FILE + 1)
         if len(data) > LARGEST_FILE:
-            raise ConfigError(f"{what} {source}: larger than {LARGEST_FILE} bytes")
+            raise ConfigError(f"{what} {source}: is larger than {LARGEST_FILE} bytes")
         return tomllib.loads(data.decode("utf-8-sig"))
     except OSError as error:
         raise ConfigError(f"{what} {source}: {error.strerror or error}") from error

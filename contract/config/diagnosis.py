@@ -13,8 +13,8 @@ MOST_STANDARD: Final = 0x7FF
 MOST_EXTENDED: Final = 0x1FFF_FFFF
 _TEXT: Final = re.compile(r"0[xX]([0-9a-fA-F]{1,3}|[0-9a-fA-F]{8})")
 _SHORT: Final = 3
-"""Number of hex digits of an 11-bit identifier in candump's notation. A 29-bit identifier has eight digits; any other
-number of digits counts as a typing error."""
+"""Largest number of hex digits of an 11-bit identifier in a setting. A 29-bit identifier has eight digits; four to
+seven digits count as a typing error."""
 _NOTATION: Final = "0x and 3 hex digits (11 bits, up to 0x7FF), or 0x and 8 (29 bits, up to 0x1FFFFFFF)"
 _PAGE: Final = "reference/diagnosis.md#identifiers-on-the-bus"
 
@@ -49,9 +49,9 @@ _ID_OR_NONE: Final = Rule(wording=f"empty, {_NOTATION}", holds=lambda value: val
 class DiagnosisConfig(
     Settings, section="bus.diagnosis", source=standard("ISO 15765-4", "the first ECU of emissions diagnosis")
 ):
-    """The CAN identifiers with which a tester and a calibration tool reach the ECU. An identifier with three digits,
-    such as `0x7E0`, has 11 bits; an identifier with eight digits, such as `0x18DA10F1`, has 29 bits. The ECU and the
-    tool need equal settings."""
+    """The CAN identifiers with which a tester and a calibration tool reach the ECU. An identifier of up to three hex
+    digits (`0x7E0`) has 11 bits; an identifier of eight digits (`0x18DA10F1`) has 29 bits. The ECU and the tool need
+    equal settings."""
 
     request_id: Annotated[int | str, _ID] = "0x7E0"
     """Identifier of the tester's requests to this ECU alone (physical addressing)."""
@@ -74,9 +74,9 @@ class DiagnosisConfig(
             if found is None:
                 continue
             object.__setattr__(self, name, str(found))
-            require(found not in taken, self, name, f"another identifier than that of {taken.get(found)}")
+            require(found not in taken, self, name, f"an identifier other than that of {taken.get(found)}")
             same = found.is_extended == self._id(like).is_extended
-            require(same, self, name, f"as long as bus.diagnosis.{like}, {'11' if found.is_extended else '29'} bits")
+            require(same, self, name, f"{'11' if found.is_extended else '29'} bits long, like bus.diagnosis.{like}")
             taken[found] = f"bus.diagnosis.{name}"
 
     @property
@@ -124,7 +124,7 @@ _LIKE: Final = {
     "xcp_command_id": "xcp_command_id",
     "xcp_response_id": "xcp_command_id",
 }
-"""The name of each identifier setting, and of a setting whose identifier must have the same number of bits."""
+"""Names of the identifier settings, each with a setting whose identifier must have the same number of bits."""
 
 
 @cache

@@ -121,8 +121,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     predictor_epochs: Annotated[Positive[float], PASSES, _ENCODER_ALONE] = 10.0
     """Number of passes over the roll-outs from which the slim dynamics and decoder are distilled."""
     predictor_lessons: Annotated[AtLeastOne[int], _ENCODER_ALONE] = 65536
-    """Smallest number of roll-outs from which the slim dynamics and decoder are distilled
-    (`train.distillation.lessons`)."""
+    """Smallest number of roll-outs to distil the slim dynamics and decoder from (`train.distillation.lessons`)."""
     slope_weight: Annotated[NonNegative[float], _ENCODER_ALONE] = 0.0
     """Weight of a term in the distillation of dynamics and decoder: the error of the cost's gradient with respect to
     the plan. The errors of latents and forces have weight 1."""
@@ -156,7 +155,7 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     solver with respect to the prior's weights."""
 
     memory: Annotated[int, at_least(2), STEPS] = 64
-    """Number of past rows that the prior reads. A row has the sensor differences and the action of a control period."""
+    """Number of past rows that the prior reads. A row has a period's action and differences of mirrored sensors."""
     units: AtLeastOne[int] = 24
     """Width of the prior's hidden layer."""
     updates: AtLeastOne[int] = 450
@@ -168,7 +167,7 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     longest: Annotated[int, at_least(2), STEPS] = 125
     """Length of a stretch in the second half of the updates."""
     streams: AtLeastOne[int] = 4
-    """Number of simulated flows that the prior controls. They run in turn, one stretch each."""
+    """Number of simulated flows that the prior controls in turn, one stretch each."""
     stretches: AtLeastOne[int] = 10
     """Number of stretches after which the first flow restarts from the developed wake. Each further flow restarts after
     2 stretches more than the flow before it."""

@@ -37,7 +37,7 @@ class Setting:
 
     @property
     def is_changed(self) -> bool:
-        """Whether the setting's value differs from the paper's value."""
+        """Whether the setting's value differs from its default, which `paper` holds."""
         return bool(self.value != self.paper)
 
 
@@ -57,8 +57,8 @@ def sections(config: Config) -> tuple[Section, ...]:
 
 def as_toml(listed: Sequence[Section], *, base: str | None = None) -> str:
     """Return the text of a TOML file from which `contract.config.loading.load` reads the listed settings unchanged.
-    `base` is "paper" or "release", the settings that the file modifies; with None the file does not state them. TOML
-    cannot express "none": a setting that is None is left out and gets the base's value when the file is read."""
+    `base` is "paper" or "release", the settings that the file modifies; with None the file states no base. TOML cannot
+    express "none": a setting that is None is left out and gets the base's value when the file is read."""
     parts = [] if base is None else [f"base = {_toml(base)}\n"]
     for section in listed:
         if held := [one for one in section.settings if one.value is not None]:

@@ -66,7 +66,7 @@ def _walk(group: Any, above: str) -> Iterator[tuple[str, Any]]:
 _RELEASE = "release"
 """Name of the packaged settings with which the shipped bundle was built."""
 PAPER = "paper"
-"""Name of the unmodified settings, which have the paper's values."""
+"""Name of the default settings: the paper's values, where the paper states a value."""
 BASE_KEY = "base"
 """The key in a TOML file that states which settings the file modifies: the paper's or the release's settings."""
 RETIRED: Final = {"refine.iterations": False}
@@ -144,7 +144,7 @@ def without_retired(tree: Mapping[str, Any]) -> Mapping[str, Any]:
         if not isinstance(inside := tree.get(section), Mapping) or key not in inside:
             continue
         if inside[key] != value:
-            raise ConfigError(f"{name} = {_short(inside[key])}: this version has no such setting; must be {value}")
+            raise ConfigError(f"{name} = {_short(inside[key])}: this version has no such setting; it accepts {value}")
         tree = {**tree, section: {one: inside[one] for one in inside if one != key}}
     return tree
 

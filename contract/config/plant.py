@@ -75,6 +75,6 @@ class OpenFoamConfig(Settings, source=ours("the second plant is not the paper's 
     refinement: Annotated[float, _REFINEMENT, ours("the mesh of the comparison", page="how-to/use-openfoam.md")] = 1.0
     """Divisor of all spacings of the body-fitted mesh; a finer mesh needs a smaller time step."""
     develop_time: Annotated[Positive[float], TIME] = 50.0
-    """Time without jets that OpenFOAM simulates before its first run, from the developed wake of stillwake's solver."""
+    """Time that OpenFOAM simulates without jets before the first run, from the developed wake of stillwake's solver."""
     develop_substeps: AtLeastOne[int] = 20
     """Number of time steps per control period during `openfoam.develop_time`."""

@@ -4,7 +4,7 @@
 
 `Settings` checks the rules of its fields when an instance is created. To check a condition on two fields, a class
 defines `_check_together`, which calls `require`. A number without a unit is a ratio, or a count whose name states what
-is counted. No value is converted. A field without a source has the source of its section.
+is counted. Units are only displayed; no value is converted. A field without a source has the source of its section.
 """
 
 from collections.abc import Callable, Mapping
@@ -112,13 +112,13 @@ class Rule:
 
 
 def at_least(least: int, reason: str = "", *, or_none: bool = False) -> Rule:
-    """Return the rule that a value must be at least `least`. Its wording contains the reason."""
+    """Return the rule that a value must be at least `least`. The rule's wording contains the reason."""
     wording = f"at least {least}{f', {reason}' if reason else ''}"
     return Rule(wording=wording, holds=lambda value: value >= least, or_none=or_none)
 
 
 def within(least: float, most: float, reason: str) -> Rule:
-    """Return the rule that a value must be from `least` to `most`. Its wording contains the reason."""
+    """Return the rule that a value must be from `least` to `most`. The rule's wording contains the reason."""
     return Rule(wording=f"in {least}..{most}: {reason}", holds=lambda value: least <= value <= most)
 
 

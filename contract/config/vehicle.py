@@ -26,8 +26,8 @@ from contract.config.rules import (
 
 LARGEST_NOMINAL_BITRATE: Final = 1_000_000
 LARGEST_DATA_BITRATE: Final = 8_000_000
-"""Largest bit rates of the arbitration phase and the data phase, in bit/s. Transceivers by ISO 11898-2:2016 and CiA
-601-4 allow no higher rates."""
+"""Largest bit rates of the arbitration phase and the data phase, in bit/s. Transceivers that follow ISO 11898-2:2016
+and CiA 601-4 allow no higher rates."""
 
 _CAN_FD: Final = standard("SAE J2284-4", "CAN FD in vehicles, 500 kbit/s with data at 2 Mbit/s")
 _DELAY: Final = within(0, 10_000, "a longer delay exceeds every horizon")
@@ -70,8 +70,8 @@ class BackgroundConfig(
     load: Fraction[float] = 0.0
     """Share of the bus time that generated periodic messages take, including stuff bits."""
     dbc: str = ""
-    """DBC file whose messages replace the generated messages. Each message has random contents and the cycle time in
-    the file (`GenMsgCycleTime`)."""
+    """DBC file whose messages replace the generated messages. Each message has random contents and the file's cycle
+    time (`GenMsgCycleTime`)."""
     seed: Annotated[NonNegative[int], ours("an arbitrary number")] = 0
     """Random seed of the background messages' identifiers, phases and contents."""
 
@@ -188,10 +188,10 @@ class SpeedConfig(
     oldest_ms: Annotated[Positive[float], MILLISECONDS] = 500.0
     """Largest age at which a measured speed is used in a control step, if no newer speed arrives."""
     most_acceleration: Annotated[Positive[float], Unit("m/s2")] = 15.0
-    """Largest acceleration of a vehicle. A speed is rejected if its change would need a larger acceleration."""
+    """Largest possible acceleration. A speed is rejected if reaching it would need a larger acceleration."""
     margin: Annotated[Fraction[float], ours("a 10 % wind and a gust", page="explanation/other-speeds.md")] = 0.12
-    """The jets are shut if the vehicle's speed is outside the release's range by more than this share. A smaller
-    deviation is allowed, because the air speed may be in the range; the ECU then uses the nearest end of the range. The
+    """The jets are shut if the vehicle's speed is outside the release's range by more than this share of the range's
+    nearest end. A smaller deviation is allowed, because the air speed may be in range; the ECU then uses that end. The
     jets restart when the speed is in the range."""
     most_correction: Annotated[Fraction[float], ours("a 10 % wind", page="explanation/other-speeds.md")] = 0.12
     """Largest share by which the ECU corrects the speed on the bus with an estimate of the air speed. The speed on the

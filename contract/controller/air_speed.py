@@ -18,7 +18,7 @@ such a product; it would raise the mean of a square."""
 MEAN_PERIODS: Final = 50
 """Number of periods of the running means of the features: two shedding cycles."""
 FIRST_PERIOD: Final = 100
-"""Number of controlled periods before the first estimate, so that the wake resembles the wakes of the fitted runs."""
+"""Number of controlled periods before the first estimate, so that the wake resembles the wakes used for the fit."""
 
 
 def feature_count(pairs: int) -> int:

@@ -3,7 +3,7 @@
 `export` writes the folder; the ECU and the emulated microcontroller read it. The folder's `stillwake.h` describes the
 calls. The folder has sources that are equal for all programs, the generated `sw_settings.h` and `sw_weights.c`, and
 `recorded.txt` and `expected.txt` for the example program `replay.c`. The file names are the same for every program and
-precision. Folders of older versions have no `expected.txt` and no documents; this module does not need them.
+precision. Folders of older versions have no `expected.txt` and no documents; this module does not need these files.
 
 A folder with `sw_ecu_settings.h` also has the whole ECU: `sw_ecu.h`, the sources of the ECU, and programs with a `main`
 function in `examples/`. A folder without this header has only the control step. An example is a controller whose
@@ -90,7 +90,7 @@ class ProgramSettings:
         return int(value)
 
     def multiply_accumulates(self) -> int:
-        """Return the number of multiplications by weights in a control step. The last roll-out has no adjoint pass."""
+        """Count a control step's multiplications by weights, in the encoder, all roll-outs and all adjoint passes."""
         names = ("WINDOW", "SENSORS", "LSTM", "HEAD", "LATENT", "DYN1", "DYN2", "DECODER", "BLOCKS")
         window, sensors, lstm, head, latent, dyn1, dyn2, decoder, blocks = (self.number(f"SW_{one}") for one in names)
         encoder = window * 4 * lstm * (sensors + 1 + lstm) + head * (lstm + latent)
@@ -101,13 +101,13 @@ class ProgramSettings:
 
 
 def settings_header(definitions: Mapping[str, int | str | np.float32]) -> bytes:
-    """Write `sw_settings.h` from definitions, in the form that `ProgramSettings` reads. Text values are quoted."""
+    """Return the content of `sw_settings.h`, in the form that `ProgramSettings` reads. Text values are quoted."""
     literals = {name: _literal(value) for name, value in definitions.items()}
     return generated_header(PROGRAM_SETTINGS, "sizes and settings of one trained program", literals)
 
 
 def generated_header(name: str, what: str, definitions: Mapping[str, object]) -> bytes:
-    """Write the header `name` with a `#define` for each definition. Values are written unchanged, as text."""
+    """Return a header `name` with a `#define` for each definition. Values are written unchanged, as text."""
     guard = name.upper().replace(".", "_")
     lines = "\n".join(f"#define {key} {value}" for key, value in definitions.items())
     return f"/* Generated: {what}. */\n#ifndef {guard}\n#define {guard}\n\n{lines}\n\n#endif\n".encode()
@@ -185,7 +185,7 @@ def rows_from_text(text: str) -> ProgramRows:
 
 
 def check_replaceable(folder: Path) -> None:
-    """Raise LibraryError if the folder is neither empty nor a library; writing a library would delete its files."""
+    """Raise LibraryError if the folder is neither empty nor a library, because its files would be deleted."""
     if folder.is_dir() and any(folder.iterdir()) and not (folder / PROGRAM_SETTINGS).is_file():
         raise LibraryError(f"{folder}: that directory holds other files; name another directory")
 
@@ -211,7 +211,7 @@ class Numbers:
 
     Attributes:
         struct: name of the struct's type in C.
-        members: values by the members' names, in the struct's order; their types are the types in C.
+        members: arrays by the members' names, in the struct's order; an array's type is the member's type in C.
         alignment: alignment of every member in bytes; None uses the alignment of each member's type.
     """
 

@@ -41,7 +41,7 @@ def _kept(name: str, value: float) -> float:
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
     """A set of calibration values. All except `delay_steps` are rounded to float32, the type on the bus and in the
-    controller, so values read back as they were written. Raises ConfigError if a value does not fit into its 4 bytes.
+    controller, so a tool reads what it wrote. Raises ConfigError if a value does not fit into its 4 bytes.
 
     Attributes:
         action_limit: largest |a| that the ECU's command gate permits, in U_inf W.
@@ -87,7 +87,7 @@ class Calibration:
     def unpack(cls, raw: bytes) -> "Calibration":
         """Read the bytes that `pack` returns. Raises ConfigError for bytes of another length or an invalid value."""
         if len(raw) != PACKED_BYTES:
-            raise ConfigError(f"calibration of {len(raw)} bytes: must have {PACKED_BYTES}")
+            raise ConfigError(f"the calibration has {len(raw)} bytes: must have {PACKED_BYTES}")
         return cls.of(_PACKED.unpack(raw))
 
 

@@ -1,8 +1,8 @@
 """The interface and weights of a bundle's `sensors.onnx`, which estimates each pressure from the other pressures.
 
-The ECU's sensor check compares each reading with the other readings. If they disagree, it searches for a sensor to
-leave out, or for two sensors to exchange, so that the readings agree. For this search, one call estimates every
-pressure from several views of a window. With S sensors there are
+The ECU's sensor check compares each reading with the other readings. If the readings disagree, the check searches for a
+sensor to leave out, or for two sensors to exchange, so that the readings agree. For this search, one call estimates
+every pressure from several views of a window. With S sensors there are
 
 * S views with one sensor left out,
 * S (S - 1) / 2 views with two sensors left out, to estimate one sensor while another sensor is suspected,

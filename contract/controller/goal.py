@@ -25,8 +25,8 @@ SPEED_SCALE: Final = 0.4
 """Difference from the design speed that the prior reads as 1, as a share of the design speed."""
 SCHEDULED: Final = ("one", "slower", "faster", "effort", "lift", "limit")
 """Names of the variables that schedule a prior's units: the constant 1, the scaled speed below and above the design
-speed, and the parts of the goal. A prior's tensors have this order. The weights of a unit depend on these variables;
-its gate also reads filtered sums of the pressures of mirrored sensors."""
+speed, and the parts of the goal. A prior's tensors have this order. A unit's weights and its gate depend on these
+variables. The gate also depends on filtered sums of mirrored sensors' pressures."""
 SPEED_PLACES: Final = (SCHEDULED.index("slower"), SCHEDULED.index("faster"))
 """Indices of the two speed variables in `SCHEDULED`. With a single variable for all speeds, more training at high
 speeds made a prior worse at low speeds."""
@@ -85,10 +85,10 @@ def unknown_to_prior(weights: CostWeights, *, knows_goal: bool = True) -> CostWe
     the prior was trained.
 
     A prior is trained with gradients through the flow, so the true gradient of the cost at its plan is zero for goals
-    in its range. The gradient that the model computes there consists of noise and model error. Iterations do not help
-    for a goal outside the range either. With four times the largest weight of lift, they increased the cost by 12 % (4
-    to 21 % in three pairs of runs); with four times the largest weight of effort, they did not lower the cost. A prior
-    trained for drag alone has no input for other goals, so the iterations keep the weights of effort and lift.
+    in the trained range. The model's gradient at this plan consists of noise and model error. Iterations do not help
+    outside this range either. With a lift weight of four times `DEAREST_LIFT`, iterations increased the cost by 12 % (4
+    to 21 % in three pairs of runs). With an effort weight of four times `DEAREST_EFFORT`, they did not lower it. A
+    prior for drag alone has no input for other goals, so the iterations keep the weights of effort and lift.
     """
     known = replace(weights, drag_mean=0.0)
     return replace(known, effort=0.0, lift=0.0) if knows_goal else known

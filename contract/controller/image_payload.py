@@ -1,9 +1,9 @@
 """The payload of an image for a microcontroller: a release's parameters as C reads them, then a text with their layout.
 
-The parameters are `sw_payload` of `sw_image.h`. The text is the layout; C does not read it. It has one line for every
-setting and every struct on which the positions or the meaning of the parameters depend. The text's SHA-256 identifies
-the layout, in the image's header and in a build's `sw_layout.h`. A build refuses parameters of another layout. Apart
-from the layout, the library's headers state only one fact about a release: the identity of the compiled-in release.
+The parameters have the form of `sw_payload` in `sw_image.h`. The text is the layout; C does not read it. It has a line
+for each setting and struct on which the positions or the meaning of the parameters depend. The text's SHA-256
+identifies the layout, in the image's header and in a build's `sw_layout.h`. A build refuses parameters of another
+layout. The library's headers state only one more fact about a release: the identity of the compiled-in release.
 
 An ECU must not use an invalid number as an index or a bound. The bounds of single numbers are stated in this module
 only. A build's `sw_layout.h` has a table of these bounds, with which `sw_image_open` checks an image in C;
@@ -140,7 +140,7 @@ def _of_floats(struct: str, member: str, layout: Mapping[str, str], positive: fl
 
 
 def _widest_integer(layout: Mapping[str, str]) -> float:
-    """Return the largest integer of the LSTM's hidden state, `SW_QMAX` in C. The state is rounded but not saturated."""
+    """Return the largest integer of the LSTM's hidden state, `SW_QMAX` in C. No rounded value saturates."""
     lanes, most = _stated(layout, "SW_LANES", 8), _stated(layout, "SW_INT16_QMAX", 32767)
     padded = -(-_stated(layout, "SW_LSTM", 1) // lanes) * lanes
     is_full = padded <= _stated(layout, "SW_FULL_RANGE_WIDTH", padded)
@@ -181,9 +181,9 @@ _OF_ECU: Final = ("SW_RELEASE_LAYOUT", "SW_RELEASE_BYTES", "SW_PAST", "SW_SENSOR
 """Settings of `sw_ecu_settings.h` on which the parameters depend; the other settings describe the vehicle."""
 _TITLE: Final = "layout 2 of a stillwake controller image\n"
 """First line of a layout. The number in the line rises if a member gets another meaning but has the same size. In
-layout 1, the wake without jets was a share of the wake at the design speed."""
+layout 1, the wake without jets was relative to the wake at the design speed."""
 _STRUCTS: Final = ("SW_RELEASE", "SW_WEIGHTS", "SW_HOT", "SW_ESTIMATOR")
-"""The structs of a payload, in their order."""
+"""Names of the structs in a payload, in the payload's order."""
 
 
 def layout_of(files: Mapping[str, bytes]) -> str:

@@ -5,8 +5,8 @@ rows are s times as far apart in convective time. So the rows are interpolated a
 
 Below the design speed, a control period is shorter in convective time. A controller that reacted fully in every period
 would react faster than it was designed to. The jets act on the pressures at the wall immediately, so the controller
-would drive the air back and forth. Therefore pressures and command move only part of the way in a period (`followed`).
-At s times the design speed, this share is s for the pressures and s^2 for the command.
+would drive the air back and forth. Therefore pressures and command move only part of the way to their new values in a
+period (`followed`). At s times the design speed, this share is s for the pressures and s^2 for the command.
 """
 
 from collections.abc import Sequence

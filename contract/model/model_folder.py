@@ -113,7 +113,7 @@ class ModelFolder:
 
     @property
     def prior(self) -> dict[str, npt.NDArray[Any]]:
-        """The tensors of the plan's prior; empty if the model has no prior."""
+        """The tensors of the prior; empty if the model has no prior."""
         return {name: value for name, value in self.network(PRIOR).items() if name not in (RESTING, AIR_SPEED)}
 
     @property
@@ -123,7 +123,7 @@ class ModelFolder:
         if table is None:
             return None
         if table.ndim != 2 or table.shape[1] != 3:
-            raise ModelError(f"{PRIOR}.{RESTING}: shape {table.shape}, must be (speeds, 3)")
+            raise ModelError(f"{PRIOR}.{RESTING} has shape {table.shape}: must have shape (speeds, 3)")
         speeds, base, swing = map(tuple, table.T.astype(np.float64).tolist())
         return RestingWake(speeds=speeds, base=base, swing=swing)
 
@@ -166,10 +166,10 @@ def read_description(path: Path) -> dict[str, Any]:
     try:
         body = json.loads(_read_bytes(path, DESCRIPTION))
     except ValueError as error:
-        raise ModelError(f"model {path}: {DESCRIPTION}: not JSON ({error})") from error
+        raise ModelError(f"model {path}: {DESCRIPTION} is not JSON ({error})") from error
     schema = body.get("schema") if isinstance(body, dict) else None
     if not isinstance(body, dict) or schema not in (MODEL_SCHEMA, MODEL_SCHEMA_1):
-        raise ModelError(f"model {path}: {DESCRIPTION}: schema {schema!r}; this version reads {MODEL_SCHEMA!r}")
+        raise ModelError(f"model {path}: {DESCRIPTION} has schema {schema!r}; this version reads {MODEL_SCHEMA!r}")
     for entry in _ENTRIES if schema == MODEL_SCHEMA_1 else (*_ENTRIES, "layout"):
         if entry not in body:
             raise ModelError(f"model {path}: {DESCRIPTION} lacks {entry!r}")
@@ -188,11 +188,11 @@ def read(path: Path) -> ModelFolder:
     try:
         tensors = safetensors.numpy.load(raw)
     except (safetensors.SafetensorError, ValueError) as error:
-        raise ModelError(f"model {path}: {MODEL_WEIGHTS}: not a safetensors file ({error})") from error
+        raise ModelError(f"model {path}: {MODEL_WEIGHTS} is not a safetensors file ({error})") from error
     description = _describe(path, body)
     for key in sorted(tensors):
         if key.split(".")[0] not in _NETWORKS:
-            raise ModelError(f"model {path}: {MODEL_WEIGHTS}: unknown tensor {key}")
+            raise ModelError(f"model {path}: {MODEL_WEIGHTS} has the unknown tensor {key}")
     return ModelFolder(description=description, tensors=tensors, weights_sha256=body[_HASH], config_tree=body["config"])
 
 

@@ -53,10 +53,10 @@ def unpack(integers: npt.NDArray[np.int16], quantum: float) -> Array:
 
 DATASET_SCHEMA: Final = "stillwake-dataset/3"
 DATASET_SCHEMA_2: Final = "stillwake-dataset/2"
-"""Older schema, which is still read. It has the truck's sensors by name, ten series, and facts in the provenance."""
+"""Older schema, which is still read. It has the truck's sensors, ten series, and plant facts in the provenance."""
 
 EXACT_SERIES: Final = frozenset({"t", "action"})
-"""Series stored in double precision, because their values are commanded and not measured."""
+"""Series stored in double precision, because they are times and commands, not measured values."""
 QUANTUM: Final = 2.0**-15
 CP_QUANTUM: Final = 2.0**-13
 """Smallest quantum of Cp; the smallest quantum of all other measured series is `QUANTUM`. With these quanta, 16 bits
@@ -88,7 +88,7 @@ class Dataset:
         names = [episode.name for episode in self.episodes]
         for episode in self.episodes:
             if names.count(episode.name) > 1:
-                raise DatasetError(f"episode {episode.name}: named twice")
+                raise DatasetError(f"episode {episode.name}: two episodes have this name")
             if problem := _column_problem(episode, self.layout):
                 raise DatasetError(problem)
 
@@ -127,7 +127,7 @@ def survey(path: Path) -> tuple[Dataset | None, tuple[str, ...]]:
     except DatasetError as error:
         problems.append(str(error))
     except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
-        problems.append(f"{path}: damaged or not an HDF5 dataset ({error})")
+        problems.append(f"{path}: is damaged or not an HDF5 dataset ({error})")
     return dataset, tuple(problems)
 
 
@@ -183,7 +183,7 @@ def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any], la
 def _schema(path: Path, file: h5py.File) -> str:
     schema = file.attrs.get("schema")
     if schema not in (DATASET_SCHEMA, DATASET_SCHEMA_2):
-        raise DatasetError(f"{path}: schema {schema!r}; this version reads {DATASET_SCHEMA!r}")
+        raise DatasetError(f"{path}: has schema {schema!r}; this version reads {DATASET_SCHEMA!r}")
     return str(schema)
 
 
@@ -194,7 +194,7 @@ def _surveyed(path: Path, problems: list[str]) -> Dataset | None:
         if schema == DATASET_SCHEMA:
             layout, facts = _read_layout(path, file), _read_facts(path, file)
         elif json.loads(file.attrs["sensors"]) != list(TRUCK.names):
-            raise DatasetError(f"{path}: recorded with other sensors, or in another order")
+            raise DatasetError(f"{path}: its sensors or their order differ from the truck's")
         found = [_read_episode(name, file["episodes"][name], schema, problems) for name in file["episodes"]]
     if not found:
         raise DatasetError(f"{path}: holds no episode")

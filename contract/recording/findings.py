@@ -18,8 +18,7 @@ from contract.recording.plausible import dominant_frequency, implausible, longes
 
 STEP_TOLERANCE: Final = 0.05
 """Largest deviation of a time step from the control period, as a share of the period. A clock error of a twentieth of a
-period shifts the ramp of the jets in the recording. This shift has less effect than the resolution of the four
-pressures that the release reads."""
+period distorts the recorded ramp of the jets less than the finite resolution of the release's four pressures does."""
 CLOCK_TOLERANCE: Final = 1e-3
 """Largest deviation of the mean time step from the control period, as a share of the period. Over a horizon of 25
 steps, the model's clock is then wrong by a fortieth of a step."""
@@ -144,7 +143,7 @@ def _of_episode(episode: Episode, dataset: Dataset, config: Config) -> Iterator[
     if beyond.any():
         largest = int(np.abs(actions).argmax())
         where = "before the first sample" if largest == 0 else f"at step {largest - 1}"
-        many = f"({int(beyond.sum())} of {len(actions)} are)"
+        many = f"({int(beyond.sum())} of {len(actions)} actions are)"
         yield f"episode {name}: action is {actions[largest]:g} {where}, beyond the limit of {limit:g} {many}"
 
 

@@ -18,7 +18,7 @@ GATE_WINDOWS: Final = 50
 """Number of consecutive recorded windows with which the export checks a controller."""
 
 CALIBRATION_WINDOWS: Final = 400
-"""Number of recorded windows with which int8 rounding is calibrated, counted over all kinds of forcing together."""
+"""Number of recorded windows with which int8 rounding is calibrated, in total over all kinds of forcing."""
 
 LEAST_CALIBRATION: Final = 50
 """Smallest number of windows with which int8 rounding is calibrated: two shedding cycles of the truck. With fewer
@@ -54,7 +54,7 @@ def judging_need(config: Config) -> Need:
 
 
 def window_for_c(steps: float) -> int:
-    """Return the length of a window, nearest to `steps`, that the ECU in C accepts."""
+    """Return the window length that is nearest to `steps` among the lengths that the ECU in C accepts."""
     return max(1, round(steps / WINDOW_STEP)) * WINDOW_STEP
 
 

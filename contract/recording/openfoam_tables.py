@@ -40,7 +40,7 @@ def read_foam_table(folder: Path, file: str, *, cut_off: bool = False) -> FoamTa
         if header and [line.split() for line in lines] != [line.split() for line in header]:
             raise ValueError(f"{path}: its header differs from that of {starts[0][2]}")
         if rows and newer and len(newer[0]) != len(rows[0]):
-            raise ValueError(f"{path}: {len(newer[0])} columns, but {starts[0][2]} has {len(rows[0])}")
+            raise ValueError(f"{path} has {len(newer[0])} columns, but {starts[0][2]} has {len(rows[0])}")
         header = header or lines
         first = newer[0][0] if newer else np.inf
         rows = [row for row in rows if row[0] <= start + _SAME and row[0] < first - _SAME] + newer
@@ -73,5 +73,5 @@ def _read(path: Path, cut_off: bool) -> tuple[tuple[str, ...], list[Array]]:
             except ValueError as error:
                 raise ValueError(f"{path}: line {number}: {error}") from error
             if len(rows[-1]) != len(rows[0]):
-                raise ValueError(f"{path}: line {number}: {len(rows[-1])} values, must have {len(rows[0])}")
+                raise ValueError(f"{path}: line {number} has {len(rows[-1])} values: must have {len(rows[0])}")
     return tuple(header), rows

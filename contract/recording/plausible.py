@@ -65,14 +65,14 @@ expected change follows from the variation of the other sensors."""
 _FINEST: Final = 2.0**-12
 """Smallest resolution that is assumed for a series: twice the quantum with which a data set stores Cp."""
 _CLIPPED: Final = 0.03
-"""A sensor may be saturated if this share of rows has its extreme value in runs of at least three consecutive rows."""
+"""Share of rows at a sensor's extreme value, in runs of three rows or more, above which the sensor may be saturated."""
 _SHOWN: Final = 3
-"""Largest number of episodes or sensors that one line lists."""
+"""Number of episodes or sensors that a line lists before it counts the rest. Up to six sensors are all listed."""
 _CELLS: Final = 256
 """Number of cells into which one standard deviation of a column is divided. Values in one cell count as equal; values
 within 16 cells count as similar."""
 _ALIKE: Final = (10, 0.25)
-"""A file is a copy if this number of its rows are in another file in the same order, or this share in any order."""
+"""Smallest number of equal rows in the same order, or share in any order, for which two files are reported."""
 
 _Note = tuple[str, str]
 """A note: the observation in an episode, and its cause with the remedy."""
@@ -142,7 +142,7 @@ def _missing(names: Sequence[str], table: Array, gaps: Mask) -> Iterator[_Note]:
         times = f"in {rows} rows, first at step {start}," if rows > 1 else f"at step {start}"
         times = f"{run} times in a row from step {start}" if run > 1 else times
         where = f"{value:.6g} occurs {times} in {_listed(names, here.any(axis=0))}, far from all other values"
-        yield where, "loggers write this for a missing value; fill the gap, or cut the file in two there"
+        yield where, "a logger may write this value for a missing reading; fill the gap, or cut the file in two there"
 
 
 def _forces(episode: Episode, table: Array, *, symmetric: bool) -> Iterator[_Note]:
@@ -154,7 +154,7 @@ def _forces(episode: Episode, table: Array, *, symmetric: bool) -> Iterator[_Not
         cause = "the mean lift of a body is small compared with its drag, so the two seem exchanged; import with --map"
         yield f"mean Cl is {lift.mean():.3g} and mean Cd {mean:.3g}", f"{cause} Cd=Cl --map Cl=Cd"
     elif mean <= 0.0:
-        cause = "a body in a stream has drag above 0, and training would raise it; import with --reference Cd=-1"
+        cause = "a body in a stream has drag above 0, and control would raise the drag; import with --reference Cd=-1"
         yield f"mean Cd is {mean:.3g}", f"{cause} if the file has the other sign{upside_down}"
     elif mean < _DRAG:
         yield f"mean Cd is {mean:.3g}", f"a body has {_DRAG:g} or more, based on its width; {in_newtons.format('Cd')}"
@@ -286,13 +286,13 @@ def _scales(episodes: Sequence[Episode], tables: Sequence[Array]) -> Iterator[st
         if sizes[low] > least and sizes[high] > most * sizes[low]:
             yield (
                 f"{what} is {sizes[high]:.3g} in {episodes[high].name} and {sizes[low]:.3g} in {episodes[low].name}, "
-                f"{sizes[high] / sizes[low]:.3g} times: files of one body have similar values, so one file has another "
-                f"unit or scale; convert this file, because --reference holds for all files"
+                f"a factor of {sizes[high] / sizes[low]:.3g}: files of one body have similar values, so one file has "
+                f"another unit or scale; convert this file, because --reference holds for all files"
             )
 
 
 def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array) -> Iterator[str]:
-    """Report files that contain rows of another file. A test on rows that training has read shows nothing."""
+    """Report files that contain rows of another file. A test on rows that were used for training is invalid."""
     chosen = [*np.unique(np.linspace(0, len(spread) - 3, 4).astype(int)), -2, -1]
     cells = np.maximum(2 * _FINEST, spread[chosen] / _CELLS)
     rows = np.concatenate([np.round(table[:, chosen] / cells) for table in tables]).astype(np.int64)

@@ -4,8 +4,8 @@
 and the SHA-256 of every other file and of the DBC. `manifest.sig`, if present, is an Ed25519 signature of the
 manifest's bytes (`contract.release.signing`). So the signature also protects the data and the hashes in the manifest.
 
-`controller.onnx` computes one control step (`contract.controller.interface`). `sensors.onnx`, if present, estimates the
-pressures from each other for the ECU's sensor check (`contract.controller.estimator`).
+`controller.onnx` computes one control step (`contract.controller.interface`). `sensors.onnx`, if present, estimates
+each pressure from the other pressures for the ECU's sensor check (`contract.controller.estimator`).
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -58,7 +58,7 @@ def write(path: Path, manifest: Manifest, contents: Mapping[str, bytes], key: Ed
 def check_replaceable(path: Path) -> None:
     """Raise BundleError if the directory is neither empty nor a bundle, or if the path ends in .zip."""
     if path.suffix.lower() == ".zip":
-        raise BundleError(f"bundle {path}: is written as a directory; give a name that does not end in .zip")
+        raise BundleError(f"bundle {path}: a bundle is written as a directory; give a name that does not end in .zip")
     if path.is_dir() and not (path / MANIFEST).is_file() and any(path.iterdir()):
         raise BundleError(f"bundle {path}: that directory holds other files; name another directory")
 

@@ -171,7 +171,7 @@ def _verify_signature(path: Path, raw: bytes, signature: bytes | None, trusted: 
     allowed = "no key that is trusted" if not keys else " or ".join(sorted(f"key {key.fingerprint}" for key in keys))
     if signature is None:
         if keys is not None:
-            raise errors.BundleSignerError(f"bundle {path}: unsigned, must be signed by {allowed}")
+            raise errors.BundleSignerError(f"bundle {path} is unsigned: must be signed by {allowed}")
         return None
     try:
         signer = signing.signer(signature, raw)
@@ -181,7 +181,7 @@ def _verify_signature(path: Path, raw: bytes, signature: bytes | None, trusted: 
         raise errors.BundleSignatureError(f"bundle {path}: bad signature: {MANIFEST} or {SIGNATURE} was altered")
     if keys is not None and signer not in keys:
         raise errors.BundleSignerError(
-            f"bundle {path}: signed by key {signer.fingerprint}, must be signed by {allowed}"
+            f"bundle {path} is signed by key {signer.fingerprint}: must be signed by {allowed}"
         )
     return signer
 
@@ -200,7 +200,7 @@ def _verify_file(path: Path, name: str, found: Mapping[str, bytes], hashes: Mapp
 def _verify_dbc(path: Path, dbc: object) -> str:
     if dbc != dbc_sha256():
         raise errors.BundleDbcError(
-            f"bundle {path}: built for another stillwake.dbc; `stillwake bundle renew` makes a copy for this version"
+            f"bundle {path} was built for another stillwake.dbc; `stillwake bundle renew` makes a copy for this version"
         )
     return dbc_sha256()
 
@@ -208,7 +208,7 @@ def _verify_dbc(path: Path, dbc: object) -> str:
 def check_graph(content: bytes) -> None:
     """Raise ValueError for a graph that is too large, refers to other files, or has operators that ONNX lacks."""
     if len(content) > MAX_GRAPH_BYTES:
-        raise ValueError(f"it has {len(content)} bytes: at most {MAX_GRAPH_BYTES}")
+        raise ValueError(f"it has {len(content)} bytes: must have at most {MAX_GRAPH_BYTES}")
     for text, wording in FORBIDDEN.items():
         if text in content:
             raise ValueError(wording)

@@ -87,10 +87,10 @@ def _collect(path: Path) -> dict[str, bytes]:
             with _open_plain(path, item.name) as file:
                 content = _read_at_most(file, min(limit, left) + 1)
             if len(content) > limit:
-                raise BundleContainerError(f"bundle {path}: {item.name} is too large: at most {limit} bytes")
+                raise BundleContainerError(f"bundle {path}: {item.name} is too large: must have at most {limit} bytes")
             left -= len(content)
             if left < 0 or len(found) == MAX_FILES:
-                raise BundleContainerError(f"bundle {path}: more than {MAX_FILES} files or {MAX_BYTES} bytes")
+                raise BundleContainerError(f"bundle {path}: has more than {MAX_FILES} files or {MAX_BYTES} bytes")
             found[item.name] = content
     return found
 
@@ -122,7 +122,7 @@ def _read_at_most(file: IO[bytes], most: int) -> bytes:
 def image_of(files: Mapping[str, bytes]) -> bytes:
     """Build the image of a bundle's files; raises BundleContainerError for too many files or bytes."""
     if len(files) > MAX_FILES or sum(map(len, files.values())) > MAX_BYTES:
-        raise BundleContainerError(f"image: more than {MAX_FILES} files or {MAX_BYTES} bytes")
+        raise BundleContainerError(f"the image has more than {MAX_FILES} files or {MAX_BYTES} bytes")
     names = sorted(files, key=lambda name: (name not in MAX_BYTES_OF, name))
     entries = b"".join(_ENTRY.pack(len(name.encode()), len(files[name])) + name.encode() for name in names)
     contents = b"".join(files[name] for name in names)
@@ -132,14 +132,14 @@ def image_of(files: Mapping[str, bytes]) -> bytes:
 def files_of(image: bytes) -> dict[str, bytes]:
     """Return an image's files by name. Raises BundleContainerError for anything but an image of plain files."""
     if len(image) < _HEADER.size:
-        raise BundleContainerError(f"image of {len(image)} bytes: must have {_HEADER.size} or more")
+        raise BundleContainerError(f"the image has {len(image)} bytes: must have {_HEADER.size} or more")
     magic, length, count = _HEADER.unpack_from(image)
     if magic != _MAGIC:
         raise BundleContainerError(f"image begins with {magic.hex()}: must begin with {_MAGIC.hex()}")
     if length != len(image):
-        raise BundleContainerError(f"image of {len(image)} bytes states a length of {length}")
+        raise BundleContainerError(f"the image has {len(image)} bytes, but states a length of {length}")
     if count > MAX_FILES:
-        raise BundleContainerError(f"image of {count} files: at most {MAX_FILES}")
+        raise BundleContainerError(f"the image has {count} files: must have at most {MAX_FILES}")
     names, sizes, at = [], [], _HEADER.size
     for _ in range(count):
         if at + _ENTRY.size > length:
@@ -156,7 +156,7 @@ def files_of(image: bytes) -> dict[str, bytes]:
         sizes.append(size)
         at += name_length
     if at + sum(sizes) != length:
-        raise BundleContainerError(f"image of {length} bytes: its files end at {at + sum(sizes)}")
+        raise BundleContainerError(f"the image has {length} bytes, but its files end at {at + sum(sizes)}")
     found = {}
     for name, size in zip(names, sizes, strict=True):
         found[name] = image[at : at + size]

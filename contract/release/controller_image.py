@@ -51,7 +51,7 @@ _VEHICLE: Final = struct.Struct("<Q3ddI")
 _SIGNED: Final = 448
 _UNSIGNED: Final = bytes(96)
 LINE: Final = 32
-"""Number of data bytes in a line. Every tool accepts 32, and no line crosses a boundary of 64 KiB, a multiple of 32."""
+"""Number of data bytes in a line. Every tool accepts 32. 32 divides 64 KiB, so no line crosses a multiple of 64 KiB."""
 HIGH: Final = 1 << 16
 """Number of addresses that a data line of Intel HEX can state; a line of another type states the upper 16 bits."""
 
@@ -129,13 +129,14 @@ def signer_of(image: bytes) -> PublicKey | None:
     Raises BundleContainerError if the bytes are no complete image, and BundleSignatureError if the signature was not
     made with the key in the image."""
     if len(image) < HEADER_BYTES:
-        raise BundleContainerError(f"image of {len(image)} bytes: must have {HEADER_BYTES} or more")
+        raise BundleContainerError(f"the image has {len(image)} bytes: must have {HEADER_BYTES} or more")
     magic, length, header = struct.unpack_from("<8sII", image)
     if magic != _MAGIC:
         raise BundleContainerError(f"image begins with {magic.hex()}: must begin with {_MAGIC.hex()}")
     if (length, header) != (len(image), HEADER_BYTES):
         raise BundleContainerError(
-            f"image of {len(image)} bytes states a length of {length} and a header of {header}, not {HEADER_BYTES}"
+            f"the image has {len(image)} bytes, but states a length of {length}; the stated header has "
+            f"{header} bytes: must have {HEADER_BYTES}"
         )
     if image[_FACTS.size : HEADER_BYTES] == _UNSIGNED:
         return None
@@ -146,14 +147,14 @@ def signer_of(image: bytes) -> PublicKey | None:
 
 
 def read(image: bytes) -> ControllerImage:
-    """Check an image, which may be unsigned or signed by any key. Raises as `signer_of`, and for a damaged image."""
+    """Read and check an image, signed by any key or by none. Raises as `signer_of` does, and for a damaged image."""
     signer, payload = signer_of(image), image[HEADER_BYTES:]
     _, _, _, sha256, layout, dbc, digest, version, vehicle, hardware, name, reserved = _FACTS.unpack_from(image)
     period, width, speed, density, limit, sensors = _VEHICLE.unpack(vehicle)
     if sha256 != hashlib.sha256(payload).digest():
         raise BundleContainerError("image: its payload was altered (SHA-256 does not match the header)")
     if any(reserved):
-        raise BundleContainerError("image: bytes 320..415 must be zeros; a newer version may have made it")
+        raise BundleContainerError("image: bytes 320..415 must be zeros; a newer version may have made the image")
     facts = ImageFacts(
         layout=layout,
         dbc=dbc,

@@ -39,7 +39,7 @@ def opened(path: Path, trusted: PublicKey | None = None) -> ControllerImage:
         raise BundleContainerError(f"{path}: {error.strerror or error}") from error
     if trusted is not None and image.signer != trusted:
         signer = "unsigned" if image.signer is None else f"signed by key {image.signer.fingerprint}"
-        raise BundleSignerError(f"{path}: {signer}, must be signed by key {trusted.fingerprint}")
+        raise BundleSignerError(f"{path} is {signer}: must be signed by key {trusted.fingerprint}")
     check_numbers(image.payload, image.facts.layout)
     return image
 

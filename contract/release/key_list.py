@@ -31,7 +31,7 @@ from contract.release.signing import PublicKey
 LARGEST_VERSION: Final = 2**32 - 1
 MAX_KEYS: Final = 16
 VERSION: Final = slice(8, 12)
-"""The part of a list that has the version."""
+"""Position of the version in a list."""
 _MAGIC: Final = b"SWKEYS01"
 _HEADER: Final = struct.Struct(">8sIBBH32s")
 _KEY: Final = 32
@@ -40,7 +40,7 @@ _SIGNATURE: Final = 64
 
 @dataclass(frozen=True, kw_only=True)
 class KeyList:
-    """The keys that may sign releases. Raises KeyFileError for a version or a number of keys out of range.
+    """The keys that may sign releases. Raises KeyFileError for an invalid version, number of keys or key.
 
     Attributes:
         version: version of the list; an ECU replaces its list only by a list with a greater version.
@@ -58,8 +58,8 @@ class KeyList:
             raise KeyFileError(f"key list: version {self.version}: must be in 1..{LARGEST_VERSION}")
         if not 1 <= len(self.keys) <= MAX_KEYS or len(self.revoked) > MAX_KEYS:
             raise KeyFileError(
-                f"key list: {len(self.keys)} keys and {len(self.revoked)} revoked: must be 1 to {MAX_KEYS}, and at "
-                f"most {MAX_KEYS} revoked"
+                f"key list has {len(self.keys)} keys and {len(self.revoked)} revoked keys: must have 1 to "
+                f"{MAX_KEYS} keys, and at most {MAX_KEYS} revoked keys"
             )
         if weak := [key.raw.hex() for key in self.keys if signing.is_of_small_order(key.raw)]:
             raise KeyFileError(f"key list: key {weak[0]} is of small order: anyone can sign anything for it")
@@ -85,9 +85,9 @@ def encode(listed: KeyList, root: Ed25519PrivateKey) -> bytes:
 def signer(raw: bytes) -> PublicKey:
     """Return the root key that signed a list. Raises KeyFileError if there is no valid signature."""
     if raw.startswith(b"{"):
-        raise KeyFileError("key list: has an old format; make it again with `stillwake bundle keylist`")
+        raise KeyFileError("key list has an old format; make it again with `stillwake bundle keylist`")
     if len(raw) < _HEADER.size + _SIGNATURE or not raw.startswith(_MAGIC):
-        raise KeyFileError(f"key list: {len(raw)} bytes: has no signature, or does not begin with {_MAGIC.decode()}")
+        raise KeyFileError(f"key list of {len(raw)} bytes has no signature, or does not begin with {_MAGIC.decode()}")
     root = raw[_HEADER.size - _KEY : _HEADER.size]
     if not signing.is_good(raw[-_SIGNATURE:], root, raw[:-_SIGNATURE]):
         raise KeyFileError("key list: the signature does not match the root key: list or signature was altered")
@@ -97,15 +97,15 @@ def signer(raw: bytes) -> PublicKey:
 def decode(raw: bytes, root: PublicKey) -> KeyList:
     """Decode a list. Raises KeyFileError if the root key did not sign the list, or if the list is damaged."""
     if (found := signer(raw)) != root:
-        raise KeyFileError(f"key list: signed by key {found.fingerprint}, must be by the root key {root.fingerprint}")
+        raise KeyFileError(f"key list is signed by {found.fingerprint}: must be by the root key {root.fingerprint}")
     _, version, allowed, revoked, reserved, _ = _HEADER.unpack_from(raw)
     body = raw[_HEADER.size : -_SIGNATURE]
     if reserved or len(body) != (allowed + revoked) * _KEY:
-        sizes = f"{len(body)} bytes of {allowed} + {revoked} keys, {reserved} reserved"
-        raise KeyFileError(f"key list: is damaged ({sizes})")
+        sizes = f"{allowed} + {revoked} keys in {len(body)} bytes; reserved bytes: {reserved}"
+        raise KeyFileError(f"key list is damaged ({sizes})")
     keys = [body[at : at + _KEY] for at in range(0, len(body), _KEY)]
     for part in (keys[:allowed], keys[allowed:]):
         if part != sorted(set(part)):
-            raise KeyFileError("key list: is damaged (keys must ascend, and each must occur once)")
+            raise KeyFileError("key list is damaged (keys must ascend, and each must occur once)")
     allowed_keys, revoked_keys = (frozenset(map(PublicKey, part)) for part in (keys[:allowed], keys[allowed:]))
     return KeyList(version=version, keys=allowed_keys, revoked=revoked_keys)

@@ -281,7 +281,7 @@ def _unlike_a_wake(resting: RestingWake) -> Iterator[str]:
     if any(after <= before for before, after in pairwise(resting.speeds)):
         yield f"resting.speeds = {resting.speeds!r}: must increase"
     yield from _no_figure("resting.swing:", *resting.swing)
-    yield from _no_figure("resting.base: a wake has suction, so the negative", *(-value for value in resting.base))
+    yield from _no_figure("resting.base: a wake has suction, but -base =", *(-value for value in resting.base))
 
 
 class Opened(NamedTuple):
@@ -323,14 +323,14 @@ def open_manifest(path: Path, raw: bytes) -> Opened:
     except (ValueError, KeyError, TypeError) as error:
         raise BundleManifestError(f"bundle {path}: {MANIFEST} is damaged ({shown(error)})") from error
     if schema not in (_SCHEMA, _SCHEMA_8):
-        remedy = f"this version reads {_SCHEMA!r}: export its model again"
-        raise BundleManifestError(f"bundle {path}: schema {quoted(schema)}, {remedy}")
+        remedy = f"this version reads {_SCHEMA!r}: export the model again"
+        raise BundleManifestError(f"bundle {path}: has schema {quoted(schema)}; {remedy}")
     if found != digest:
         raise BundleManifestError(f"bundle {path}: {MANIFEST} was altered (its own hash does not match)")
     if schema == _SCHEMA_8:
         body.setdefault("air_speed", None)
     if len(hashes) > MAX_FILES:
-        raise BundleManifestError(f"bundle {path}: {MANIFEST}: files has {len(hashes)} entries: at most {MAX_FILES}")
+        raise BundleManifestError(f"bundle {path}: {MANIFEST}: files has {len(hashes)} entries, more than {MAX_FILES}")
     for name, value in hashes.items():
         if not is_plain_name(name):
             raise BundleManifestError(f"bundle {path}: {MANIFEST}: files: {quoted(name)} must be a plain file name")

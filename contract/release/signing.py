@@ -70,7 +70,7 @@ def signer(signature: bytes, data: bytes) -> PublicKey | None:
     with this key. Raises ValueError if the file does not have the form of `manifest.sig`."""
     match = _TEXT.fullmatch(signature)
     if match is None:
-        raise ValueError("not of the form stillwake-signature/1")
+        raise ValueError("it does not have the form of stillwake-signature/1")
     raw, value = (bytes.fromhex(part.decode()) for part in match.groups())
     return PublicKey(raw) if is_good(value, raw, data) else None
 
@@ -126,7 +126,7 @@ def read_private_key(path: Path) -> Ed25519PrivateKey:
     except TypeError as error:
         raise KeyFileError(f"key {path}: is encrypted; must be a PEM file without a passphrase") from error
     except (ValueError, UnsupportedAlgorithm) as error:
-        raise KeyFileError(f"key {path}: not a private key in PEM") from error
+        raise KeyFileError(f"key {path}: is not a private key in PEM") from error
     if not isinstance(key, Ed25519PrivateKey):
         raise KeyFileError(f"key {path}: must be an Ed25519 key")
     return key
@@ -146,7 +146,7 @@ def _parse_public(name: str, content: bytes) -> PublicKey:
     try:
         key = serialization.load_pem_public_key(content)
     except (ValueError, UnsupportedAlgorithm) as error:
-        raise KeyFileError(f"key {name}: not a public key in PEM") from error
+        raise KeyFileError(f"key {name}: is not a public key in PEM") from error
     if not isinstance(key, Ed25519PublicKey):
         raise KeyFileError(f"key {name}: must be an Ed25519 key")
     if is_of_small_order(key.public_bytes_raw()):

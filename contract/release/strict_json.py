@@ -28,7 +28,7 @@ def decode(raw: bytes) -> dict[str, Any]:
             parse_int=_short,
         )
     except RecursionError as error:
-        raise ValueError(f"nested more than {MAX_DEPTH} deep") from error
+        raise ValueError(f"it is nested more than {MAX_DEPTH} levels deep") from error
     if not isinstance(tree, dict):
         raise ValueError("it is not a table")
     _check(tree, 0)
@@ -67,13 +67,13 @@ def _finite(text: str) -> float:
 
 def _short(text: str) -> int:
     if len(text.lstrip("-")) > _MAX_DIGITS:
-        raise ValueError(f"an integer of {len(text)} digits: must have at most {_MAX_DIGITS}")
+        raise ValueError(f"an integer has {len(text)} digits: must have at most {_MAX_DIGITS}")
     return int(text)
 
 
 def _check(tree: Any, depth: int) -> None:
     if depth > MAX_DEPTH:
-        raise ValueError(f"nested more than {MAX_DEPTH} deep")
+        raise ValueError(f"it is nested more than {MAX_DEPTH} levels deep")
     if isinstance(tree, str):
         try:
             tree.encode("utf-8")

@@ -76,7 +76,7 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(tmp_path, mon
         ("folder", False, "it is a directory, must be a file"),
         ("file", True, "it is a file, must be a directory"),
         ("file/inside", False, "Not a directory"),
-        ("folder/..", True, "name a new folder in it"),
+        ("folder/..", True, "name a new folder in this directory"),
         ("n" * 250, False, "File name too long"),
         ("/proc/self/stillwake.npz", False, ""),
         ("/dev/null", False, "neither a file nor a directory"),
@@ -140,8 +140,8 @@ def test_a_place_that_would_not_show_what_is_written_is_refused(tmp_path, capfd)
         ("other", r"the file has 2 names \(hard links\), and the other names would keep the old content"),
         ("file_link", r"the file has 2 names"),
         ("round", "Too many levels of symbolic links"),
-        ("gone", r".*gone is a link to disk/results, which is not there"),
-        ("gone/run", r".*gone is a link to disk/results, which is not there"),
+        ("gone", r".*gone is a link to disk/results, which does not exist"),
+        ("gone/run", r".*gone is a link to disk/results, which does not exist"),
         ("fifo", "it is neither a file nor a directory"),
         ("fifo_link", "it is neither a file nor a directory"),
         ("/dev/stdout", "this command prints to it; name another file"),
@@ -150,6 +150,6 @@ def test_a_place_that_would_not_show_what_is_written_is_refused(tmp_path, capfd)
         with pytest.raises(StillwakeError, match=f"^cannot write {tmp_path / name}: {reason}"):
             check_writable(tmp_path / name, folder=name == "gone/run")
         if name.startswith("gone"):
-            with pytest.raises(StillwakeError, match="is not there"), replacing(tmp_path / name):
+            with pytest.raises(StillwakeError, match="does not exist"), replacing(tmp_path / name):
                 pytest.fail("nothing can be written here")
     assert sorted(tmp_path.iterdir()) == there

@@ -40,7 +40,7 @@ def test_layouts_differ_by_name_place_and_base():
 def test_layout_that_contradicts_itself_is_refused():
     wrong: list[tuple[Any, Any, Any, str]] = [
         ((), np.zeros((0, 2)), (), "at least one"),
-        (("a", "a"), np.zeros((2, 2)), (), "'a': named twice"),
+        (("a", "a"), np.zeros((2, 2)), (), "'a': two sensors have this name"),
         (("a", "b\x1b[2J"), np.zeros((2, 2)), (), "printable"),
         (("a", "b"), np.zeros((3, 2)), (), r"\(3, 2\): must be \(2, 2\)"),
         (("a", "b"), np.array([(0, 1), (0, np.nan)]), (), "finite"),

@@ -131,7 +131,7 @@ def _episode(
     initial = float(np.ravel(arrays.pop(INITIAL_ACTION, np.zeros(1)))[0])
     for name in REQUIRED:
         if name not in arrays and name != "t":
-            raise DatasetError(f"{path}: no column {name!r}; if it has another name there, use --map {name}=NAME")
+            raise DatasetError(f"{path}: no column {name!r}; if the column has another name, use --map {name}=NAME")
     steps = len(arrays["action"])
     if steps == 0:
         raise DatasetError(f"{path}: holds no control step")
@@ -167,7 +167,7 @@ def _check_clock(path: Path, t: Array, period: float) -> None:
     finer = round(period / mean)
     if finer >= 2 and abs(finer * mean / period - 1.0) < 0.01:
         problem = (
-            f"t rises by {mean:.6g}, but the control period is {period:g}: {finer} samples a period. Keep one row of "
+            f"t rises by {mean:.6g}, but the control period is {period:g}: {finer} samples per period. Keep one row of "
             f"{finer}, so that row k has the pressures at t_k and the action commanded then"
         )
     ratio = f"{mean / period:.4g}"
@@ -201,7 +201,7 @@ def _check_size(path: Path, arrays: Mapping[str, Array], layout: SensorLayout, *
                 k = tuple(np.argwhere(beyond)[0])
                 hint = f"; {array[k]:g}, first at step {k[0]}, may stand for a missing value{GAP}"
             raise DatasetError(f"{path}: {name!r} reaches {peak:g}; a coefficient stays below {_LARGEST:g}{hint}")
-    # Constant sensors are reported elsewhere. The range identifies them, because rounding can give a deviation above 0.
+    # Constant sensors are reported elsewhere. They are found by their range; rounding may make their deviation nonzero.
     spread = np.where(np.ptp(arrays["Cp"], axis=0) > 0.0, arrays["Cp"].std(axis=0), np.inf)
     weakest = int(spread.argmin())
     if spread[weakest] < CP_QUANTUM:

@@ -22,7 +22,7 @@ _DECIMAL_COMMA: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 
 @dataclass(frozen=True, kw_only=True)
 class CsvColumn:
-    """A column of a table, with the members of `Stored`: texts of the cells, and the number of each cell's line."""
+    """A column of a table, with the interface of `Stored`: the cells' texts, and the line number of each cell."""
 
     texts: tuple[str, ...]
     lines: tuple[int, ...]
@@ -86,7 +86,7 @@ def read_csv(path: Path) -> dict[str, CsvColumn]:
             raise DatasetError(f"{path}: line {lines[0]}: column {name!r} occurs twice{hint}")
     for row, line in zip(rows[1:], lines[1:], strict=True):
         if len(row) != len(header):
-            raise DatasetError(f"{path}: line {line}: {len(row)} values, but the header has {len(header)} columns")
+            raise DatasetError(f"{path}: line {line} has {len(row)} values, but the header has {len(header)} columns")
     columns = zip(header, zip(*rows[1:], strict=True), strict=True)
     return {name: CsvColumn(texts=texts, lines=tuple(lines[1:])) for name, texts in columns}
 

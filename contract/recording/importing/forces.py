@@ -26,7 +26,7 @@ class ForcesTable:
         names: names in the file, by the names "t", "Cd" and "Cl".
         t: increasing times, (n,).
         values: forces at these times by the names in `FORCE_COLUMNS`, (n,) each.
-        clock: clock that the unit of the times states, if any.
+        clock: clock of the times, if their unit determines the clock; otherwise None.
     """
 
     path: Path
@@ -57,9 +57,9 @@ class ForcesTable:
         first = self.names[FORCE_COLUMNS[0]]
         if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
             raise DatasetError(
-                f"{self.path}: {first!r} goes from {self.t[0]:.15g} to {self.t[-1]:.15g} s on the log's clock, but "
-                f"the log's rows go from {times[0]:.15g} to {times[-1]:.15g} s: the forces must cover these rows; see "
-                f"--forces-clock and --forces-shift"
+                f"{self.path}: {first!r} has times from {self.t[0]:.15g} to {self.t[-1]:.15g} s on the log's clock, "
+                f"but the log's rows have times from {times[0]:.15g} to {times[-1]:.15g} s: the forces must cover "
+                f"these rows; see --forces-clock and --forces-shift"
             )
         times = np.clip(times, self.t[0], self.t[-1])
         behind = np.searchsorted(self.t, times, side="left")
@@ -80,8 +80,8 @@ def read_forces(
     and Cl are not all present or do not fit each other.
 
     Args:
-        renamed: names of t, Cd and Cl in the file. An array that is not renamed may have its unit in brackets behind
-            the name, as `stillwake report` writes it.
+        renamed: names of t, Cd and Cl in the file. An array that is not renamed may have its unit in brackets after the
+            name, as `stillwake report` writes it.
         references: values in the file that equal 1 in the data set, by series.
     """
     if not path.is_file():
@@ -115,7 +115,7 @@ def _inside(path: Path, there: tuple[str, ...], renamed: Mapping[str, str]) -> d
         candidates = [one for one in there if one == wanted] or [one for one in there if split_unit(one)[0] == wanted]
         if len(candidates) != 1:
             raise DatasetError(
-                f"{path}: no column {wanted!r} for the forces' table; it has {', '.join(there[:12])}"
+                f"{path}: no column {wanted!r} for the forces' table; the file has {', '.join(there[:12])}"
                 f"{', ..' if len(there) > 12 else ''}. Give the column's name with --map {name}=NAME"
             )
         found[name] = candidates[0]

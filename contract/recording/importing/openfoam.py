@@ -70,7 +70,7 @@ def read_case(
     found = {name: renamed.get(name, name) for name in ("Cd", "Cl")}
     for name, inside in found.items():
         if columns.count(inside) != 1 or len(columns) != forces.rows.shape[1]:
-            raise DatasetError(f"{forces.files[0]}: no column {inside!r} for {name}; it has {', '.join(columns)}")
+            raise DatasetError(f"{forces.files[0]}: no column {inside!r} for {name}; the file has {', '.join(columns)}")
     scales = [factor(path, name, inside, None, references.get(name)) for name, inside in found.items()]
     coefficients = forces.rows[:, [columns.index(inside) for inside in found.values()]] * scales
     first, last = (max(pressures.rows[0, 0], forces.rows[0, 0]), min(pressures.rows[-1, 0], forces.rows[-1, 0]))
@@ -80,7 +80,7 @@ def read_case(
     at_periods = [_at(table.files[0], table.rows[:, 0] * second, values, t, period) for table, values in tables]
     scale = factor(path, "action", "action", None, references.get("action"))
     action, initial, files = _actions(case, t / second, scale)
-    none = () if files else (f"no {_ACTIONS} beside {_POST}: taken as uncontrolled, with an action of 0",)
+    none = () if files else (f"no {_ACTIONS} beside {_POST}: the case counts as uncontrolled, with an action of 0",)
     return Contents(
         arrays={"t": t, "action": action, INITIAL_ACTION: initial, "Cp": at_periods[0]}
         | dict(zip(found, at_periods[1].T, strict=True)),
@@ -103,7 +103,7 @@ def _table(path: Path, case: Path, file: str, what: str) -> FoamTable:
         raise DatasetError(str(error)) from error
     named = [table for folder, table in tables.items() if Path(os.path.realpath(path)).is_relative_to(folder)]
     if len(named or tables) != 1:
-        found = f"several contain {what}, name one: {', '.join(map(str, tables))}" if tables else f"no {what} in it"
+        found = f"several contain {what}, name one: {', '.join(map(str, tables))}" if tables else f"holds no {what}"
         raise DatasetError(f"{case / _POST}: {found}")
     return (named or list(tables.values()))[0]
 
@@ -137,8 +137,8 @@ def _probes_of(pressures: FoamTable, layout: SensorLayout) -> Index:
         if len(at) != len(layout) or not _alike(at, wanted, near):
             name = layout.names[int(np.argmax(close.sum(axis=1) != 1))]
             raise DatasetError(
-                f"{path}: no probe, or more than one of its {count}, is at the sensor {name}: correct the sensor's "
-                f"position, or list one sensor for each probe, in the order of the probes"
+                f"{path}: no probe, or more than one of the {count} probes, is at the sensor {name}: correct the "
+                f"sensor's position, or list one sensor for each probe, in the order of the probes"
             )
     lost = np.abs(pressures.rows[:, 1 + chosen]).max(axis=0) > _NOT_FOUND
     if lost.any():
@@ -157,8 +157,8 @@ def _at(path: Path, times: Array, values: Array, t: Array, period: float) -> Arr
     """Return the values at the times t, interpolated linearly between the rows."""
     if len(t) < 2:
         raise DatasetError(
-            f"{path}: goes from {times[0]:g} to {times[-1]:g} W / U_inf: must have two control periods in which both "
-            f"probes and coefficients have rows; if times are in s, give W / U_inf in s as --reference t=NUMBER"
+            f"{path}: its times go from {times[0]:g} to {times[-1]:g} W / U_inf, but two control periods are needed in "
+            f"which both probes and coefficients have rows; for times in s, give W / U_inf in s as --reference t=NUMBER"
         )
     if (np.diff(times) <= 0).any():
         k = int(np.argmax(np.diff(times) <= 0))
@@ -169,7 +169,7 @@ def _at(path: Path, times: Array, values: Array, t: Array, period: float) -> Arr
     gap = float(np.diff(times[rows]).max())
     if gap > _GAP * period:
         raise DatasetError(
-            f"{path}: rows are up to {gap:.6g} W / U_inf apart; the control period is {period:g}: write one per period"
+            f"{path}: rows are up to {gap:.6g} W / U_inf apart: write one row per control period, {period:g} W / U_inf"
         )
     return np.column_stack([np.interp(t, times, column) for column in values.T])
 
@@ -182,7 +182,7 @@ def _actions(case: Path, t: Array, scale: float) -> tuple[Array, Array, tuple[Pa
     table = read_csv(path)
     for name in ("t", "action"):
         if name not in table:
-            raise DatasetError(f"{path}: no column {name!r}; it must have t, in the case's own time, and action")
+            raise DatasetError(f"{path}: no column {name!r}: the file must have t (the case's own time) and action")
     times, commands = table["t"].numbers(path, "t"), table["action"].numbers(path, "action") * scale
     if (np.diff(times) <= 0).any():
         raise DatasetError(f"{path}: t does not rise at row {int(np.argmax(np.diff(times) <= 0)) + 1}")

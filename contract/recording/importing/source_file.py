@@ -1,4 +1,4 @@
-"""A reader of a user's file. It returns arrays with the data set's names, and converts units with references."""
+"""A reader of a user's file. It returns arrays with the data set's names, and converts units with reference values."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -220,7 +220,7 @@ def _in_this_file(
             found[name] = inside if inside in there else plain[inside]
         elif name not in there and name not in plain:
             option = f"--map {name}={inside}"
-            raise DatasetError(f"{path}: no column {inside!r}, which {option} names; it has {_listed(there)}")
+            raise DatasetError(f"{path}: no column {inside!r}, which {option} names; the file has {_listed(there)}")
     return found
 
 
@@ -253,8 +253,8 @@ def _with_pressures(
     if len(found) < len(layout):
         missing = next(name for name in layout.names if name not in found)
         raise DatasetError(
-            f"{path}: no column {renamed.get(missing, missing)!r} for the sensor {missing}; it has {_listed(there)}. "
-            f"Give its name with --map {missing}=NAME, or remove the sensor from the list of sensors"
+            f"{path}: no column {renamed.get(missing, missing)!r} for the sensor {missing}; the file has "
+            f"{_listed(there)}. Give the name with --map {missing}=NAME, or remove the sensor from the list of sensors"
         )
     lengths = {len(column) for column in found.values()}
     if len(lengths) > 1:

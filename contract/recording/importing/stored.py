@@ -20,7 +20,7 @@ DEFAULT_FILL: Final = 9.9692099683868690e36
 """Value that netCDF stores in place of floating-point numbers that were never written."""
 UNWRITTEN: Final = "is the default fill value of netCDF, so this value was never written"
 _DEFAULT_OF_INTEGERS: Final = {2: -(2**15) + 1, 4: -(2**31) + 1, 8: -(2**63) + 2}
-"""Values that netCDF stores for signed integers that were never written, by size in bytes. Single bytes have none."""
+"""Values that netCDF stores for signed integers that were never written, by size in bytes. Bytes have no such value."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -169,7 +169,7 @@ def _read_hdf5(path: Path) -> dict[str, Stored]:
             if INITIAL_ACTION in file.attrs:
                 found[INITIAL_ACTION] = Stored(values=file.attrs[INITIAL_ACTION])
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
-        raise DatasetError(f"{path}: damaged or not an HDF5 file ({_first_line(error)})") from error
+        raise DatasetError(f"{path}: is damaged or not an HDF5 file ({_first_line(error)})") from error
     return found
 
 
@@ -228,7 +228,7 @@ def _read_classic(path: Path) -> dict[str, Stored]:
                 name: Stored(values=values[name], attributes=found[name]._attributes, netcdf=True) for name in found
             }
     except Exception as error:  # SciPy raises any exception for damaged files
-        raise ValueError(f"damaged or not a netCDF file ({_first_line(error)})") from error
+        raise ValueError(f"is damaged or not a netCDF file ({_first_line(error)})") from error
 
 
 def _in_utf8(name: str) -> str:
@@ -246,10 +246,10 @@ def _read_matlab(path: Path) -> dict[str, Stored]:
         values = sum(math.prod(shape) for _, shape, _ in whosmat(path))
         found = loadmat(path, simplify_cells=True) if values <= MOST_VALUES else None
     except Exception as error:  # SciPy raises any exception for damaged files
-        raise ValueError(f"damaged or not a MATLAB file ({_first_line(error)})") from error
+        raise ValueError(f"is damaged or not a MATLAB file ({_first_line(error)})") from error
     if found is None:
         raise ValueError(f"holds {values} values: must be at most {MOST_VALUES}")
-    # SciPy makes a list of a cell array that begins with a structure; its other cells may have any shape.
+    # SciPy makes a list of a cell array whose first cell is a structure. The other cells may have any shape.
     arrays = ((name, np.array(one, object) if isinstance(one, list) else one) for name, one in _flat(found))
     return {name: Stored(values=values) for name, values in arrays}
 

@@ -73,7 +73,7 @@ def test_one_that_is_taken_is_refused():
     assert len(dbc.messages) == 12
     for message in dbc.messages:
         for name in ("request_id", "functional_id", "xcp_command_id"):
-            wanted = rf"\.{name} = '0x{message.frame_id:03X}': must be another identifier than that of {message.name} "
+            wanted = rf"\.{name} = '0x{message.frame_id:03X}': must be an identifier other than that of {message.name} "
             with pytest.raises(ConfigError, match=wanted):
                 ids(**{name: message.frame_id})
         # The same number with 29 bits is another identifier.
@@ -85,7 +85,7 @@ def test_one_that_is_taken_is_refused():
         {"xcp_command_id": "0x7D8"},
         {**FIXED, "functional_id": "0x18DA5AF1"},
     ):
-        with pytest.raises(ConfigError, match=r"must be another identifier than that of bus\.diagnosis\.\w+$"):
+        with pytest.raises(ConfigError, match=r"must be an identifier other than that of bus\.diagnosis\.\w+$"):
             ids(**given)
     for given, name in (
         ({"request_id": "0x18DA5AF1"}, "response_id"),
@@ -93,5 +93,5 @@ def test_one_that_is_taken_is_refused():
         ({**FIXED, "functional_id": "0x7DF"}, "functional_id"),
         ({"xcp_command_id": "0x00000700"}, "xcp_response_id"),
     ):
-        with pytest.raises(ConfigError, match=rf"\.{name} = .*: must be as long as bus\.diagnosis\.\w+, (11|29) bits"):
+        with pytest.raises(ConfigError, match=rf"\.{name} = .*: must be (11|29) bits long, like bus\.diagnosis\.\w+"):
             ids(**given)

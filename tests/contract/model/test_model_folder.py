@@ -121,11 +121,11 @@ def test_files_that_are_missing_or_something_else_are_refused(folder):
         model_folder.read(folder)
     (folder / MODEL_WEIGHTS).write_bytes(b"not tensors")
     rewrite(folder, weights_sha256=hashlib.sha256(b"not tensors").hexdigest())
-    with pytest.raises(ModelError, match=r"model\.safetensors: not a safetensors file"):
+    with pytest.raises(ModelError, match=r"model\.safetensors is not a safetensors file"):
         model_folder.read(folder)
     (folder / MODEL_WEIGHTS).unlink()
     with pytest.raises(ModelError, match=f"{MODEL_WEIGHTS} cannot be read"):
         model_folder.read(folder)
     (folder / DESCRIPTION).write_text("{")
-    with pytest.raises(ModelError, match=r"model\.json: not JSON"):
+    with pytest.raises(ModelError, match=r"model\.json is not JSON"):
         model_folder.read(folder)

@@ -90,7 +90,7 @@ def test_episode_that_does_not_fit_is_refused_by_name():
         (lambda: episode(initial_action=np.nan), "'initial_action'"),
         (lambda: episode(name="a/b"), "'name'"),
         (lambda: replace(episode(), series={}), "'t' is missing"),
-        (lambda: Dataset(episodes=(episode("a"), episode("a", steps=3))), "episode a: named twice"),
+        (lambda: Dataset(episodes=(episode("a"), episode("a", steps=3))), "episode a: two episodes have this name"),
     ):
         with pytest.raises(DatasetError, match=culprit):
             build()
@@ -228,7 +228,7 @@ def test_episodes_come_last_and_the_old_ones_keep_every_bit(written):
     spoilt = shutil.copy(written, written.with_name("few.h5"))
     with h5py.File(spoilt, "r+") as file:
         file.attrs["sensors"] = json.dumps(["base_0"])
-    with pytest.raises(DatasetError, match="recorded with other sensors"):
+    with pytest.raises(DatasetError, match="sensors or their order differ"):
         dataset.read(spoilt)
     append(written, [episode("d")], FACTS)
     with h5py.File(written) as file:

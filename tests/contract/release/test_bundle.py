@@ -80,7 +80,7 @@ CASES: list[tuple[Tamper, type[errors.BundleError], str]] = [
     (edited(SIGNATURE, lambda _: signing.sign(KEY, b"{}")), errors.BundleSignatureError, "bad signature"),
     (lambda folder: bundle.sign(folder, OTHER), errors.BundleSignerError, f"signed by key {TRUSTED.fingerprint}"),
     (in_the_trusted_keys_name, errors.BundleSignatureError, "bad signature"),
-    (without(SIGNATURE), errors.BundleSignerError, f"unsigned, must be signed by key {TRUSTED.fingerprint}"),
+    (without(SIGNATURE), errors.BundleSignerError, f"is unsigned: must be signed by key {TRUSTED.fingerprint}"),
     (without(CONTROLLER), errors.BundleFileError, "controller.onnx is missing"),
     (without(MANIFEST), errors.BundleManifestError, "manifest.json is missing"),
     (lambda folder: (folder / "extra.bin").touch(), errors.BundleFileError, "extra.bin is not in the manifest"),
@@ -166,7 +166,7 @@ def test_places_and_names_that_lead_elsewhere_are_refused(tmp_path):
     with pytest.raises(BundleError, match="holds other files"):
         bundle.write(tmp_path, manifest(), CONTENTS)
     assert (tmp_path / "precious").read_text() == "thesis"
-    with pytest.raises(BundleError, match=r"b\.zip: is written as a directory"):
+    with pytest.raises(BundleError, match=r"b\.zip: a bundle is written as a directory"):
         bundle.write(tmp_path / "b.zip", manifest(), CONTENTS)
 
 

@@ -71,7 +71,7 @@ def test_a_file_that_becomes_a_pipe_or_a_link_is_not_waited_for(tmp_path):
 def test_sparse_files_are_not_read_to_their_end(tmp_path):
     with (tmp_path / "manifest.json").open("wb") as file:
         file.truncate(2**40)
-    assert "manifest.json is too large: at most 1048576" in refused(tmp_path)
+    assert "manifest.json is too large: must have at most 1048576" in refused(tmp_path)
 
 
 def test_a_name_that_a_terminal_would_obey_is_refused_and_escaped(tmp_path):
@@ -139,9 +139,9 @@ def test_the_layout_is_as_described():
 
 def test_what_is_no_image_is_refused_in_one_line():
     for image, message in (
-        (b"", "image of 0 bytes: must have 16 or more"),
+        (b"", "the image has 0 bytes: must have 16 or more"),
         (b"SWIMAGE2" + BY_HAND[8:], "begins with 5357494d41474532: must begin with 5357494d41474531"),
-        (an_image(count=65), "image of 65 files: at most 64"),
+        (an_image(count=65), "the image has 65 files: must have at most 64"),
         (an_image(count=1), "ends within its list"),
         (an_image(entry(b"a", 2**32 - 1)), "its files end at"),
         (an_image(entry(b"a", 0), entry(b"a", 0)), "'a' must be a plain file name, and must occur once"),

@@ -75,7 +75,7 @@ def test_what_is_no_list_is_refused_even_if_the_root_key_signed_it():
         (laid_out(keys=bytes.fromhex("ec" + "ff" * 31)), f"key ec{'ff' * 31} is of small order"),
         (laid_out(keys=one + one), "must ascend"),
         (laid_out(revoked=two + one), "must ascend"),
-        (laid_out(at_12=1), "96 bytes of 1 + 1 keys"),
-        (laid_out(at_15=1), "1 reserved"),
+        (laid_out(at_12=1), "1 + 1 keys in 96 bytes"),
+        (laid_out(at_15=1), "reserved bytes: 1"),
     ):
         assert message in refusal(raw)

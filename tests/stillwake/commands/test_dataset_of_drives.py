@@ -147,7 +147,7 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused, place):
             "--forces bare.csv": "state with --forces-clock how its times count",
             "--forces forces.csv --forces-clock log": "the forces must cover these rows",
             "--forces forces.csv --forces-shift 0.1": "must cover these rows; see --forces-clock and --forces-shift",
-            "--forces forces.csv --map Cd=drag": "no column 'drag' for the forces' table; it has t [t_c], Cd, C",
+            "--forces forces.csv --map Cd=drag": "no column 'drag' for the forces' table; the file has t [t_c], Cd, C",
             "--forces forces.csv --set operating_point.speed=50": "20 ms apart, but the control period is 10 ms",
             "--forces forces.csv --set mpc.horizon=3": "`dataset import` does not use it",
             "--forces forces.csv --reference Cp=300Pa": "drive.log is computed with 375 Pa",

@@ -24,7 +24,7 @@ def series(t: Any, values: Any) -> ForcesTable:
 def test_what_lies_outside_or_in_a_gap_is_refused_by_time():
     one = series([0.0, 0.1, 0.5, 0.6], [1.0, 2.0, 3.0, 4.0])
     wide = {"longest_gap": 0.2, "slack": 0.01}
-    with pytest.raises(DatasetError, match=r"goes from 0 to 0\.6 s .* from -0\.02 to 0\.1 s: the forces must cover"):
+    with pytest.raises(DatasetError, match=r"has times from 0 to 0\.6 s .* from -0\.02 to 0\.1 s: the forces must"):
         one.at(np.array([-0.02, 0.1]), **wide)
     with pytest.raises(DatasetError, match=r"no value between 0\.1 and 0\.5 s .* no more than 0\.2 s apart"):
         one.at(np.array([0.0, 0.3]), **wide)
@@ -39,7 +39,7 @@ def test_seconds_since_1970_are_stated_to_a_tenth_of_a_millisecond():
         series(start + np.array([0.0, 0.0016, 0.0013]), [1.0, 2.0, 3.0])
     one, wide = series(start + np.array([0.0, 0.1, 0.5]), [1.0, 2.0, 3.0]), {"longest_gap": 0.2, "slack": 0.01}
     for at, text in (
-        (-0.02, "goes from 1795773600.25 to 1795773600.75 s .* from 1795773600.23 to"),
+        (-0.02, "has times from 1795773600.25 to 1795773600.75 s .* from 1795773600.23 to"),
         (0.3, "1795773600.35 and"),
     ):
         with pytest.raises(DatasetError, match=text):
@@ -81,10 +81,10 @@ def test_tables_are_read_whatever_holds_them(tmp_path):
                 np.testing.assert_array_equal(forces, VALUES[name])
             np.testing.assert_array_equal(found.t, T)
     for values, text in (
-        ({"t": T, "Cd": T}, "no column 'Cl' for the forces' table; it has t, Cd"),
+        ({"t": T, "Cd": T}, "no column 'Cl' for the forces' table; the file has t, Cd"),
         ({"t": T, "Cd": T[:2], "Cl": T}, "'Cd' has 2 rows; 't' has 4"),
-        ({"t [days]": T, "Cd": T, "Cl": T}, "no column 't' for the forces' table; it has t [days]"),
-        ({"t": T, "Cd [lbf]": T, "Cl": T}, "no column 'Cd' for the forces' table; it has t, Cd [lbf]"),
+        ({"t [days]": T, "Cd": T, "Cl": T}, "no column 't' for the forces' table; the file has t [days]"),
+        ({"t": T, "Cd [lbf]": T, "Cl": T}, "no column 'Cd' for the forces' table; the file has t, Cd [lbf]"),
         ({"t": T, "Cd (N)": T, "Cl": T}, "Cd (N)' is in 'N'; Cd must be without dimension"),
     ):
         with pytest.raises(DatasetError, match=re.escape(text)):

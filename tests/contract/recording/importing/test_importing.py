@@ -73,14 +73,14 @@ T = PERIOD * np.arange(20)
 def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout):
     cases: list[tuple[str, str | bytes | dict[str, Any], str]] = [
         ("a.xlsx", "", r"a\.xlsx: a data file must end in \.csv"),
-        ("a.mat", "text", r"a\.mat: damaged or not a MATLAB file"),
-        ("a.nc", b"CDF\x01 text", r"a\.nc: damaged or not a netCDF file"),
-        ("a.h5", "text", r"a\.h5: damaged or not an HDF5"),
+        ("a.mat", "text", r"a\.mat: is damaged or not a MATLAB file"),
+        ("a.nc", b"CDF\x01 text", r"a\.nc: is damaged or not a netCDF file"),
+        ("a.h5", "text", r"a\.h5: is damaged or not an HDF5"),
         ("a.csv", b"\xff\xfe\x00", r"a\.csv: is not a text file in UTF-8"),
         ("a.csv", "1,2\n3,4\n", r"a\.csv: line 1 holds numbers; the first line must have the names"),
         ("a.csv", "action;Cd\n0,5;1\n", r"line 2, column 'action': '0,5' is not a number: write 0\.5, with a"),
         ("a.csv", f"{HEADER}\n{ROW.replace('1,0', '1,')}", r"line 2, column 'Cl': '' is not a number; fill the gap"),
-        ("a.csv", f"{HEADER}\n{ROW}\n{ROW[:-2]}", r"a\.csv: line 3: 9 values, but the header has 10 columns"),
+        ("a.csv", f"{HEADER}\n{ROW}\n{ROW[:-2]}", r"a\.csv: line 3 has 9 values, but the header has 10 columns"),
         ("a.csv", f"{HEADER}\n{ROW.replace('1,0', '1,nan')}", r"a\.csv: line 2, column 'Cl': nan is not finite"),
         ("a.csv", f"{HEADER.replace('Cl', 'Cd')}\n{ROW}", r"a\.csv: line 1: column 'Cd' occurs twice"),
         ("a.csv", f"{HEADER.replace('Cl', 'lift')}\n{ROW}", r"a\.csv: no column 'Cl'; .* use --map Cl=NAME"),
@@ -93,11 +93,11 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
         ("a.npz", {"Cd": np.full(20, 9.96921e36)}, r"'Cd' holds a value, 9\.96921e\+36, that is the default fill"),
         ("a.npz", {"Cl": np.array([{}] * 20)}, "'Cl' holds object, must hold numbers"),
         ("a.csv", f"{HEADER}\n{ROW.replace('1,0', '1,9.96921e36')}", "'Cl': 9.96921e36 is the default fill value"),
-        ("a.csv", f"{HEADER},,\n{ROW}\n{ROW},9,9,9", r"line 3: 13 values, but the header has 12 columns"),
+        ("a.csv", f"{HEADER},,\n{ROW}\n{ROW},9,9,9", r"line 3 has 13 values, but the header has 12 columns"),
         ("a.npz", {"action": np.linspace(0, 0.4, 20)}, r"action is 0\.4 at step 19, beyond flow.action_limit = 0\.2"),
         ("a.npz", {"initial_action": np.array(-0.3)}, r"action is -0\.3 before the first row, beyond"),
         ("a.npz", {"t": 5 * T}, r"t rises by 1\.5, must .* if t is in s or ms.* import with --reference t=5$"),
-        ("a.npz", {"t": T / 10}, "t rises by 0.03, but the control period is 0.3: 10 samples a period. Keep one row"),
+        ("a.npz", {"t": T / 10}, "t rises by 0.03, but the control period is 0.3: 10 samples per period. Keep one row"),
         ("a.npz", {"t": T[::-1]}, "t does not rise from step 0 to 1"),
         ("a.npz", {"t": T[np.arange(20) // 2]}, "t does not rise from step 0 to 1: 0, 0; some rows occur twice"),
         ("a.npz", {"t": np.where(T > 3, T + 0.2, T)}, "t rises by 0.5 from step 10 to 11"),
@@ -375,7 +375,7 @@ def test_wrong_arguments_and_sensors_are_refused(tmp_path, layout):
     # Sensors that do not fit are refused.
     for text, message in (
         ("a,1,1\nb,1,-1\n", "'1' occurs twice; the first line must have the names"),
-        ("name,x,y\na,1,0\na,2,0\n", "sensor 'a': named twice"),
+        ("name,x,y\na,1,0\na,2,0\n", "sensor 'a': two sensors have this name"),
         ("name,x,y\na,1,left\n", "line 2, column 'y': 'left' is not a number"),
         ("name,x,y\na,1,0\nCd,1,0\n", "line 3: a sensor cannot be called 'Cd'"),
     ):

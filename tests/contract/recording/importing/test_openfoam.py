@@ -65,7 +65,7 @@ def test_p_is_kinematic_and_probes_are_found_by_their_places(tmp_path):
         assert (found.name, float(np.abs(found.series["action"]).max())) == ("run 1", 0.0)
     assert told[:2] == [
         "not used: Cm, Cl(f), Cl(r)",
-        "no actions.csv beside postProcessing: taken as uncontrolled, with an action of 0",
+        "no actions.csv beside postProcessing: the case counts as uncontrolled, with an action of 0",
     ]
     # 20 m/s past 0.1 m, which U_inf of the coefficients and one option tell, or two.
     same(read(case(tmp_path / "a", speed=20.0, second=0.005), "t=5ms"))
@@ -113,10 +113,10 @@ def test_a_case_that_does_not_fit_is_refused_by_file_and_reason(tmp_path):
         (case(tmp_path / "l"), ("Cp=0.6Pa",), "'p' is in 'm2/s2' in the file, but --reference Cp=0.6Pa is not"),
         (text("m", forces, ": 1.0", ": 0"), ("t=1s",), "states no magUInf"),
         (case(tmp_path / "c"), ("t=0.2s",), r"rows are up to 1\.5 W / U_inf apart"),
-        (case(tmp_path / "d", second=3.0), (), "rows are up to 0.9 W / U_inf apart; the control period is 0.3"),
-        (text("e", forces, "\tCl\t", "\tlift\t"), (), "no column 'Cl' for Cl; it has Time, Cm, Cd, lift"),
-        (text("f", p, "Probe 2 (1 ", "Probe 2 (2 "), (), "no probe, or more than one of its 4, is at the sensor p3"),
-        (text("g", p, "\n0.3\t", "\n0.3\tnan\t"), (), r"line 8: 6 values, must have 5"),
+        (case(tmp_path / "d", second=3.0), (), "rows are up to 0.9 W / U_inf apart: write one row per control"),
+        (text("e", forces, "\tCl\t", "\tlift\t"), (), "no column 'Cl' for Cl; the file has Time, Cm, Cd, lift"),
+        (text("f", p, "Probe 2 (1 ", "Probe 2 (2 "), (), "or more than one of the 4 probes, is at the sensor p3"),
+        (text("g", p, "\n0.3\t", "\n0.3\tnan\t"), (), r"line 8 has 6 values: must have 5"),
         (text("h", p, "\n0.3\t", "\nhalf\t"), (), "line 8: could not convert"),
         (text("j", p, "\n0.6\t", "\n0.2\t"), (), r"times do not rise from row 1 to 2: 0\.3, 0\.2"),
         (text("i", p, f"{VALUES['Cp'][4, 1] / 2:.12g}", "-1e300"), (), "probe 1 is not in the mesh"),
