@@ -19,11 +19,11 @@ MOST_MODULES = 15
 MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
-    "source": 59_681, "benchmarks": 4_436, "tests": 51_557, "own C": 15_700, "JavaScript": 2_774, "docs": 2_271,
+    "source": 59_680, "benchmarks": 4_436, "tests": 51_558, "own C": 15_700, "JavaScript": 2_774, "docs": 2_271,
     "examples": 2_026,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""
-MOST_WORDS = 63_984
+MOST_WORDS = 63_977
 """Of the documents, as wc counts them, with what is made in them."""
 STAND_TWICE = {
     "an option, by its word, beside the class or type of what it gives": """Board Bundle Bus Drive Freshness Key
