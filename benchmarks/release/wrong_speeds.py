@@ -5,9 +5,9 @@
 The fitted prior receives a speed that is up to 10 % wrong or leaves out a gust. It must act as the original prior acts
 with the right speed. In the first round the original prior runs in closed loop with the right speed. The fit uses the
 actions of this run, and the run's inputs scaled with wrong speeds. In later rounds the fitted prior runs in closed loop
-with wrong speeds. The targets are the original prior's actions with the right speed or `BEST_TOLD` (dataset aggregation:
-Ross, Gordon and Bagnell, 2011). Each fit uses all rounds. At the design speed, if the speed is right, the prior stays the same. At
-last, the estimate of the air speed is fitted to runs of the fitted prior (`train.refinement.air_speed`).
+with wrong speeds. The targets are the original prior's actions with the right speed or `BEST_TOLD` (dataset
+aggregation: Ross, Gordon and Bagnell, 2011). Each fit uses all rounds. At the design speed, if the speed is right, the
+prior stays the same. At last, the air speed's estimate is fitted to the fitted prior (`train.refinement.air_speed`).
 """
 
 import argparse
