@@ -75,7 +75,7 @@ class GateLimits:
         )
 
     def narrowed(self, other: Self) -> Self:
-        """Return this object with the smaller flow limit and the smaller step limit of the two objects."""
+        """Return a copy of these limits, with the smaller flow limit and the smaller step limit of both objects."""
         return replace(
             self,
             flow_m2_per_s=min(self.flow_m2_per_s, other.flow_m2_per_s),
