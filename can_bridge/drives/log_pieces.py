@@ -81,7 +81,7 @@ class Cutter:
         if not len(whole):
             self.lines.append(f"none of the {len(table) - 1} rows {self._at(clock, 1)} is complete: left out")
             return
-        # Missing rows at the ends are not gaps: the logger started before the ECU, or stopped between two frames.
+        # Missing rows at both ends are no gaps, because the logger may start before the ECU or stop between two frames.
         head, tail = int(whole[0]), int(whole[-1]) + 1
         if len(table) - 1 > tail - head:
             self.lines.append(

@@ -1,6 +1,6 @@
 """The interface from the store to its memory: a folder (`folder_backing`) or a chip's flash memory.
 
-If the power fails during `keep`, the memory then has the old record or the whole new record. A loss of power never
+If the power fails during `keep`, the memory has either the old record or the whole new record. A loss of power never
 deletes data that were written to a slot before the last `keep` of a `RecordKind.STATE`.
 """
 
@@ -78,7 +78,7 @@ class Backing(Protocol):
         MediumError if the whole slot must be erased."""
 
     def append(self, slot: Slot, data: bytes) -> None:
-        """Append data to the data written to a slot since its erasure. Raises MediumError also if the slot is full."""
+        """Append data to the data written to a slot since its erasure. Also raises MediumError if the slot is full."""
 
     def read(self, slot: Slot, offset: int, length: int) -> bytes:
-        """Return bytes that were appended."""
+        """Return bytes of a slot that were appended."""
