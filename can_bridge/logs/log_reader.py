@@ -75,13 +75,13 @@ class CanLog:
         suffix = suffix_of(path)
         if suffix not in LOG_SUFFIXES:
             raise BusError(
-                f"{path}: a log must end in {', '.join(LOG_SUFFIXES)}, or one of them and {PACKED}; "
+                f"{path}: a log must end in {', '.join(LOG_SUFFIXES)}, or in one of these and {PACKED}; "
                 f"`python -m can.logconvert` converts other formats"
             )
         if path.suffix.lower() == PACKED and suffix in _UNPACKED:
             raise BusError(f"{path}: unpack it first (gunzip): a compressed {suffix} cannot be read")
         if not path.is_file():
-            raise BusError(f"{path}: {'is a directory, must be a log' if path.is_dir() else 'there is no such file'}")
+            raise BusError(f"{path}: {'is a directory, not a log' if path.is_dir() else 'there is no such file'}")
         self.path = path
         self.events = Counter[str]()
         self.channels = Counter[str]()
@@ -103,7 +103,7 @@ class CanLog:
                     self.channels[channel] += 1
                     if not abs(entry.timestamp) <= GREATEST_TIME_S:
                         raise ValueError(
-                            f"frame {self.messages}: time {entry.timestamp} s, must be within {GREATEST_TIME_S:g} s"
+                            f"frame {self.messages} is at {entry.timestamp} s: must be within {GREATEST_TIME_S:g} s"
                         )
                     if not self._only or channel in self._only:
                         yield entry

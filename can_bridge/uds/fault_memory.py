@@ -81,7 +81,7 @@ class KeptFault:
         return KeptFault(status, age, snapshot)
 
     def packed(self) -> bytes:
-        """Return the fault as bytes of the record, without the status bits that each power-on changes."""
+        """Return the fault as bytes of the record, without the status bits that each power-on resets."""
         status = self.status & ~_S.TEST_FAILED
         if not status & (_S.PENDING | _S.CONFIRMED):
             status |= _S.NOT_COMPLETED_THIS_CYCLE
