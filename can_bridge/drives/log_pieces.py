@@ -43,7 +43,7 @@ class Piece:
 
 
 class Cutter:
-    """A collector of pieces. It also collects one line of text for each gap that was filled, cut or left out.
+    """A collector of pieces. It also collects a line of text for each cut and for each gap that was filled or left out.
 
     Attributes:
         lines: lines of text, which state times in s after the log's first pressure.

@@ -269,6 +269,6 @@ def _check_drift(path: Path, clock: SenderClock, rows: int, scales: Scales) -> N
     if abs(drift) > _uncertain(clock, scales.period_s * rows):
         raise DatasetError(
             f"{path}: pressures come every {clock.period_s * 1e3:.6g} ms, but the control period is "
-            f"{scales.period_s * 1e3:.6g} ms: a difference of {drift:+.2%} is no clock drift; correct "
+            f"{scales.period_s * 1e3:.6g} ms: {drift:+.2%} is too large for a clock drift; correct "
             f"flow.control_period or operating_point"
         )

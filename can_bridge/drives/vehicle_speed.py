@@ -18,7 +18,7 @@ from contract.config.vehicle import SpeedConfig
 _SHORTEST_S: Final = 0.1
 """Shortest time in s over which a change of speed is checked, so that rounding is not mistaken for an acceleration."""
 _STARTS: Final = 10
-"""Largest number of short first spans that are left out, because after a wrong first speed right speeds look wrong."""
+"""Largest number of short first spans that are left out, because a wrong first speed makes correct ones look wrong."""
 _SLOWEST: Final = 1e-3
 """Smallest speed in m/s for computing the distance travelled, which must increase even if the vehicle stands still."""
 

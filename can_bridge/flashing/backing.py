@@ -58,7 +58,7 @@ class RecordKind(IntEnum):
 
 
 class Backing(Protocol):
-    """A memory for two images of up to `capacity` bytes, and four records. It raises MediumError if it fails."""
+    """A memory for two images of up to `capacity` bytes, and four records. A method raises MediumError if it fails."""
 
     @property
     def capacity(self) -> int: ...
@@ -70,7 +70,7 @@ class Backing(Protocol):
         """Replace the record of this kind; `record` has at most `MAX_RECORD` bytes."""
 
     def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
-        """Erase a slot in parts, from byte `behind` to the end; `behind` is 0 or a result of `begin_again`."""
+        """Erase a slot in parts, from byte `behind` to the slot's end; `behind` is 0 or a result of `begin_again`."""
 
     def begin_again(self, slot: Slot, length: int) -> int:
         """Prepare a slot after power-on so that data can be appended after its first `length` bytes. Returns the number

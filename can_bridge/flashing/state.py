@@ -44,7 +44,7 @@ class SlotPhase(IntEnum):
     TRIAL = 3
     """The image is activated: it boots from the next reset on, `boots_left` times."""
     CONFIRMED = 4
-    """The image was confirmed: its release runs now, or ran before the running release."""
+    """The image was confirmed: its release runs now, or ran before the release that runs now."""
     BAD = 5
     """The image is never booted: it failed a check, or was not confirmed during its trial."""
 

@@ -81,7 +81,7 @@ class Store(Remembered):
         check: ImageCheck = check,
     ) -> "Store":
         """Fill a new ECU's empty memory with a key list and with a confirmed image in slot A. Raises OutOfOrderError if
-        a release is confirmed; KeyFileError if the root key did not sign the list; ConfigError for a bad image."""
+        a release is confirmed; KeyFileError if the root key did not sign the list; ConfigError for an invalid image."""
         store = cls(backing, root=root, hardware=hardware, fits=fits, check=check)
         if store.state.active is not None:
             raise OutOfOrderError("the store has a confirmed release: it must be empty to be provisioned")
@@ -184,8 +184,8 @@ class Store(Remembered):
         self._announced = slot
 
     def finish(self) -> Long[Verdict]:
-        """Check the announced image in the memory. The verdict GOOD changes the phase to CHECKED; INCOMPLETE changes
-        nothing. The call may be repeated until the activation. Raises OutOfOrderError if no image is announced."""
+        """Check the announced image in the memory. GOOD changes the phase to CHECKED, INCOMPLETE changes nothing, other
+        verdicts change it to BAD. May be repeated until the activation. Raises OutOfOrderError without an image."""
         slot, standing = self._transfer()
         if standing.received < standing.length:
             return Verdict.INCOMPLETE
@@ -271,7 +271,7 @@ class Store(Remembered):
 
     def take_keys(self, raw: bytes) -> None:
         """Replace the key list. Raises KeyFileError if the new list is not signed by the root key, is not newer, or
-        lacks the signing key of the active or the running confirmed release: this release could then not boot."""
+        lacks the signing key of the active or the running confirmed release, which could then not boot."""
         listed = key_list.decode(raw, self._root)
         if self.keys is not None:
             if listed.version <= self.keys.version:

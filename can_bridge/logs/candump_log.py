@@ -72,7 +72,7 @@ class _Clock:
 
     def of(self, text: str | None, channel: str) -> float:
         if text is None:
-            raise ValueError(f"has no time: {_REMEDY}")
+            raise ValueError(f"it has no time: {_REMEDY}")
         if "-" in text and ":" in text:
             return self._since_epoch(datetime.fromisoformat(text))
         time_s = float(text)

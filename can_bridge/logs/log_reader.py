@@ -28,10 +28,10 @@ from contract.errors import BusError
 LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".trc", ".mf4", ".mcap", ".csv", ".db")
 PACKED: Final = ".gz"
 _UNPACKED: Final = (".mf4", ".mcap", ".db")
-"""Endings of files that cannot be read if they are packed, because libraries read them from the disk."""
+"""Endings of files that must not be compressed, because libraries read these files directly from the disk."""
 
 GREATEST_TIME_S: Final = 2**63 / 1e9
-"""Largest time in s before or after the epoch that 64 bits of nanoseconds can represent: 292 years."""
+"""Largest time in s before or after the epoch that 64 bits can represent in ns: 292 years."""
 
 
 def suffix_of(path: Path) -> str:

@@ -48,7 +48,7 @@ def read_trc(lines: entries.Lines, since_epoch: entries.SinceEpoch) -> Iterator[
                 case "$COLUMNS":
                     columns = value.split(",")
                     if not {"O", "I"} <= set(columns) or not {"l", "L"} & set(columns):
-                        raise ValueError(f"columns {quoted(value, 60)} must have O (time), I (identifier), l or L")
+                        raise ValueError(f"columns {quoted(value, 60)} must have O (time), I, and l or L (length)")
             yield LogEvent(entries.HEADER_LINE if name.startswith("$") else entries.COMMENT)
         except (ValueError, OverflowError) as error:
             raise ValueError(f"line {number}: {error}") from None

@@ -25,7 +25,7 @@ P2_S: Final = 1.0
 P2_EXTENDED_S: Final = 6.0
 """Longest wait in s for the next answer after a response-pending."""
 LONGEST_PENDING_S: Final = 60.0
-"""Longest time in s for which an ECU may send only response-pending or busy answers; then the request has failed."""
+"""Longest time in s for which an ECU may send only response-pending or busy answers, before the request fails."""
 TIMES: Final = 5
 """Largest number of attempts at a request that gets no answer."""
 READ_TIMES: Final = 25

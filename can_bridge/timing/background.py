@@ -74,8 +74,8 @@ _OURS: Final = {(spec.name, spec.frame_id) for spec in SPECS}
 
 @dataclass(frozen=True, kw_only=True)
 class BackgroundTraffic:
-    """The messages of other nodes, highest priority first. `left_out` names the file's unsent messages, with
-    reasons."""
+    """The messages of other nodes, highest priority first. `left_out` has the name of each message in the file that is
+    not sent, with the reason."""
 
     messages: tuple[PeriodicMessage, ...]
     left_out: tuple[str, ...] = ()

@@ -128,7 +128,7 @@ def live_log(path: Path | None) -> Iterator[Callable[[Frame, bool], None]]:
     check_measurement(path)
     place = leads_to(path)
     place.parent.mkdir(parents=True, exist_ok=True)
-    # The number distinguishes processes in containers, which often have the same process number.
+    # The file name ends in a number, because processes in a container often have the same process number.
     endings = chain(("",), (f".{number}" for number in count(1)))
     names = (place.with_name(f".{path.name}.{os.getpid()}{ending}.log") for ending in endings)
     stream = next(name for name in names if not name.exists())

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 LONGEST_MESSAGE: Final = 65_536
 """Largest accepted length of a message, in bytes or, in some formats, in bits. The limit is needed because cantools
-allocates memory for every bit; the longest real message, of CAN XL, has 2048 bytes."""
+allocates memory for every bit. The longest real message has 2048 bytes (CAN XL)."""
 _LENGTH: Final = re.compile(rb'(?:^ *BO_ +\d+ +\w+ *: *|\blength="|^ *Len=|LENGTH>)(\d+)', re.MULTILINE)
 NEEDS_CANTOOLS = f"reading it needs cantools: {install('bus')}"
 

@@ -24,7 +24,7 @@ from can_bridge.bus.interface import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS
 
 RECEIVE_QUEUE: Final = 1 << 22
-"""Requested size in bytes of the receive buffer. Linux doubles it, for 10,000 datagrams; the default holds 256."""
+"""Requested size in bytes of the receive buffer. Linux allocates twice this size, enough for 10,000 datagrams."""
 
 _ECHOES: Final = 4096
 """Largest number of sent datagrams that are stored until this node receives them again."""

@@ -90,7 +90,7 @@ class Delay(FrameFault, section="delay"):
     Otherwise the stamp stays unchanged, as if the frame waited in a queue of the receiver after it was stamped."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        waiting: list[tuple[int, int, Frame]] = []  # due time, serial number
+        waiting: list[tuple[int, int, Frame]] = []  # due time in ns, serial number, frame
         serial, last_due_ns = count(), 0
 
         def receive() -> list[Frame]:
@@ -208,7 +208,7 @@ def _spec_of(frame: Frame) -> MessageSpec | None:
     if spec is None or not spec.names(frame) or len(frame.data) != spec.length:
         return None
     if spec.is_secured:
-        raise BusError(f"{spec.name} is authenticated: to change it before it is protected, a fault would need the key")
+        raise BusError(f"{spec.name} is authenticated: a fault needs the key to change its data before protection")
     return spec
 
 

@@ -6,7 +6,7 @@
     disconnect
 
 The name of a fault is the `section` of its class, and its parameters are the fields of the class. If a parameter has
-the same name as its class, the class may be left out: `reynolds=700` (a disturbance of the flow).
+the same name as its fault, only the parameter is written: `reynolds=700` (a disturbance of the flow).
 """
 
 from collections.abc import Mapping
