@@ -107,7 +107,7 @@ def series_of(
     if (interval_s := usual_interval(log.pressures, modulus)) is None:
         raise DatasetError(f"{path}: no two of its pressures are consecutive: frames between them are missing")
     if interval_s <= 0.0:
-        raise DatasetError(f"{path}: most pressures are not later than the one before; its times are too coarse")
+        raise DatasetError(f"{path}: most pressures are not later than the one before; the times are too coarse")
     if speeds is None:
         nominal_s, point = scales.period_s, scales.point
         _check_period(path, interval_s, scales)
