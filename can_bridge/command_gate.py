@@ -75,7 +75,7 @@ class GateLimits:
         )
 
     def narrowed(self, other: Self) -> Self:
-        """Return this object with the smaller flow limit and the smaller step limit of the two objects."""
+        """Return these limits with a flow limit and a step limit that do not exceed the limits in `other`."""
         return replace(
             self,
             flow_m2_per_s=min(self.flow_m2_per_s, other.flow_m2_per_s),

@@ -7,7 +7,7 @@ from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 
 
 def to_message(frame: Frame) -> can.Message:
-    """Return the frame as a message. The message's time is a float in s, exact to the ns for weeks after time 0."""
+    """Return the frame as a message. The message's time is a float in s, exact to the ns up to a few weeks."""
     return can.Message(
         arbitration_id=frame.frame_id,
         data=frame.data,

@@ -16,7 +16,7 @@ SILENCE_S: Final = 1.0
 
 
 class Heard(Counter[tuple[int, int]]):
-    """A counter of frames by identifier and length. Callers begin a new counter after each call of `Silence.look`."""
+    """A counter of frames by identifier and length. Callers create a new counter after each call of `Silence.look`."""
 
     def add(self, frames: Iterable[Frame]) -> None:
         for frame in frames:
@@ -39,11 +39,11 @@ def line(
     wrong = {length: count for length, count in lengths.items() if length != wanted.length}
     if wrong:
         length = max(wrong, key=wrong.__getitem__)
-        return f"{opening}: it has {length} bytes, must have {wanted.length}, so the {sender} has another DBC"
+        return f"{opening}: its frames have {length} bytes, not {wanted.length}, so the {sender} has another DBC"
     if lengths:
-        reason = "MAC, counter or CRC are wrong"
-        check = "another bus.key or DBC" if wanted.is_secured else "another DBC, or two nodes send it"
-        return f"{opening}: {sum(lengths.values())} arrived, but their {reason}: {check}"
+        reason = "MAC, counter or CRC is wrong"
+        check = "another bus.key or DBC" if wanted.is_secured else "another DBC, or two nodes send them"
+        return f"{opening}: {sum(lengths.values())} frames arrived, but their {reason}: {check}"
     ids = {frame_id for frame_id, _ in heard} - {spec.frame_id for spec in messages.specs}
     for other in SETS:
         if ids & {spec.frame_id for spec in other.specs}:
@@ -56,16 +56,16 @@ def line(
     if ids:
         named = ", ".join(f"0x{i:03x}" for i in sorted(ids)[:MOST_NAMED])
         more = "" if len(ids) <= MOST_NAMED else f" and {len(ids) - MOST_NAMED} more"
-        return f"{opening}: no {sender}; only other nodes are heard, {named}{more}"
+        return f"{opening}: there is no {sender}; only other nodes send: {named}{more}"
     foreign = {reason: count for reason, count in rejected.items() if count and reason is not Rejection.OWN}
     unusable = [f"{count} {reason.value}" for reason, count in foreign.items()]
     if unusable:
-        return f"{opening}: no {sender}; the received frames cannot be used: {', '.join(unusable)}"
-    return f"{opening}: no frame is received; no {sender} on this bus, or another bus.channel"
+        return f"{opening}: there is no {sender}; the received frames cannot be used: {', '.join(unusable)}"
+    return f"{opening}: no frame arrives: there is no {sender} on this bus, or bus.channel is wrong"
 
 
 class Silence:
-    """A reporter that states when usable frames are missing, and when they come again. For the arguments see `line`."""
+    """A reporter that states when usable frames are missing, and when they return. For the arguments see `line`."""
 
     def __init__(self, wanted: MessageSpec, messages: MessageSet, sender: str, report: Callable[[str], None]) -> None:
         self._wanted, self._messages, self._sender, self._report = wanted, messages, sender, report
@@ -76,11 +76,11 @@ class Silence:
         """Evaluate the frames received since the last call. `usable` and `rejected` count all receptions so far."""
         if usable > self._usable:
             if self._is_told:
-                self._report(f"usable {self._wanted.name} frames come")
+                self._report(f"usable {self._wanted.name} frames arrive")
             self._is_told = False
         elif not self._is_told:
             new = Counter(rejected) - self._rejected
-            # A copy, because the thread that reads the bus may count further frames meanwhile.
+            # The counter is copied, because the thread that reads the bus may count more frames in the meantime.
             self._report(line(Heard(heard), self._wanted, self._messages, new, sender=self._sender))
             self._is_told = True
         self._usable, self._rejected = usable, Counter(rejected)

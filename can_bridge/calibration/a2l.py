@@ -53,7 +53,7 @@ def a2l_text(segment: Segment, *, release: str, bus: BusConfig, period_ns: int) 
 
 
 def _measured(limits: dict[str, str]) -> Iterator[tuple[str, str, str, str, str]]:
-    """Yield name, description, type, conversion and range of each value, in the order of `measured_bytes`."""
+    """Yield name, description, type, conversion and range of each measured value, in the order of `measured_bytes`."""
     for sensor in range(1, SENSORS + 1):
         yield f"pressure_{sensor}", f"Cp of sensor {sensor}", "FLOAT32_IEEE", "weight", f"-{_MOST_CP} {_MOST_CP}"
     most = limits["action_limit"].split()[1]

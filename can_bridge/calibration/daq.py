@@ -1,8 +1,8 @@
 """The measurement by XCP (DAQ): one list of values, which a tool defines, and one event, the end of a control period.
 
 The values of the ECU's latest control period are in a memory area. A tool reads this area, or lets the ECU send parts
-of it. For the latter, the tool allocates the list's frames (ODTs) and their entries, writes the address of each entry,
-and starts the list. If frames of an earlier period are still waiting when a control period ends, the values of the
+of it in a list. The tool allocates the list's frames (ODTs) and their entries, writes the address of each entry, and
+starts the list. If frames of an earlier period are still waiting when a control period ends, the values of the
 ended period are not sent. So all frames that are sent for one event have the values of one period.
 """
 
@@ -93,7 +93,7 @@ class DaqLists:
         self.free()
 
     def free(self) -> None:
-        """Stop and delete the list, at the end of a connection."""
+        """Stop and delete the list."""
         self.is_running = self._is_selected = False
         self._stage = _Stage.NOTHING
         self._lists = 0
@@ -103,7 +103,7 @@ class DaqLists:
         self._left: list[int] = []
 
     def sample(self, measured: bytes) -> None:
-        """Store the values of a control period for `look`, unless frames of an earlier period are not sent yet."""
+        """Store the values of a control period for `look`, unless frames of an earlier period are still to be sent."""
         if not self._left and not (self.is_running and self._fresh is not None):
             self._fresh = measured
 

@@ -48,16 +48,16 @@ class Segment:
         return bytes(raw[offset : offset + length])
 
     def write(self, offset: int, data: bytes) -> None:
-        """Write bytes of the working page. A write must begin at a value, or where the last write ended. The first
-        bytes of a partly written value wait for the rest; a write to another place discards them. Raises ConfigError,
-        without a change, for a range outside the segment, a write that begins inside a value, or a forbidden value."""
+        """Write bytes of the working page, from the first byte of a value or from where the last write ended. The bytes
+        of a partly written value are kept until the rest is written; a write to another place discards them. Raises
+        ConfigError for a range outside the segment, a write that begins inside a value, or a forbidden value."""
         _check_range(offset, len(data))
         if self._begun and offset == self._begun_at + len(self._begun):
             offset, data = self._begun_at, self._begun + data
         if offset % VALUE_BYTES:
             raise ConfigError(
-                f"calibration: write from byte {offset}: must begin with a value, at a multiple of {VALUE_BYTES}, "
-                "or where the last write ended"
+                f"calibration: a write from byte {offset} must begin at a multiple of {VALUE_BYTES}, where values "
+                "begin, or where the last write ended"
             )
         whole = len(data) - len(data) % VALUE_BYTES
         self._begun = b""
@@ -98,4 +98,4 @@ class Segment:
 
 def _check_range(offset: int, length: int) -> None:
     if offset < 0 or length < 0 or offset + length > PACKED_BYTES:
-        raise ConfigError(f"calibration: {length} bytes from {offset}: must be in 0..{PACKED_BYTES}")
+        raise ConfigError(f"calibration: {length} bytes from byte {offset} must be in 0..{PACKED_BYTES}")

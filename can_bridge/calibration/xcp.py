@@ -154,14 +154,14 @@ class XcpAccess:
         return 0 if self.is_unlocked else CAL_PAG
 
     def lock(self) -> None:
-        """Lock the resource, at the beginning and at the end of a connection."""
+        """Lock the resource, and discard the seed and the bytes of the key."""
         self.is_unlocked = False
         self._forget()
 
     def seed(self, mode: int, resource: int) -> bytes:
-        """Return one byte with the number of seed bytes not sent before this call, and the next of these bytes; return
-        a single zero if the resource is not locked. Raises Denied for an unknown resource or mode, if the tool requests
-        seed bytes although none are left, or if the random source gives only zeros."""
+        """Return one byte with the number of seed bytes that are still to be sent, and as many of them as fit a packet;
+        return a single zero if the resource is not locked. Raises Denied for an unknown resource or mode, if the tool
+        requests more bytes than the seed has, or if the random source returns only zeros."""
         if mode == 0:
             self._forget()
             deny_if(resource != CAL_PAG, Error.OUT_OF_RANGE)

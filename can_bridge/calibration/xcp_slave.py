@@ -19,8 +19,8 @@ from contract.errors import ConfigError
 
 A2L_NAME: Final = b"stillwake"
 IDLE_NS: Final = 600_000_000_000
-"""The time without a command after which an open connection ends and its resource is locked. While a measurement runs,
-only the resource is locked, because a tool that measures need not send commands."""
+"""Time without a command after which the connection is closed and its resource is locked. During a measurement, only
+the resource is locked and the connection stays open, because a measuring tool does not have to send commands."""
 REFERENCE_PROPERTIES: Final = 0x0F
 WORKING_PROPERTIES: Final = REFERENCE_PROPERTIES | 0x30
 """Properties of the working page: the controller and the tool may read it independently, and the tool may write it."""

@@ -97,7 +97,7 @@ def _parts(frames: Sequence[CountedFrame], period_s: float, modulus: int) -> lis
     for frame in frames:
         elapsed = 0.0 if before is None else (frame.time_s - before.time_s) / period_s
         step = 0 if before is None else (frame.counter - before.counter) % modulus
-        # The step is the number of periods that agrees with the counters and is nearest to the elapsed time.
+        # The step is the number of periods nearest to the elapsed time among those that agree with the counters.
         step += modulus * round((elapsed - step) / modulus)
         if before is None or abs(step - elapsed) > SLACK or step > _LONGEST:
             parts.append([(0, frame)])

@@ -77,7 +77,7 @@ def frames_of(
     if len(present) > 1:
         names = " and ".join(f"{one.pressure.spec.name} (0x{one.pressure.spec.frame_id:x})" for one in present)
         raise DatasetError(
-            f"{path}: holds {names}; choose with --set bus.frames=fd or classic (and bus.key for secured messages)"
+            f"{path}: holds {names}; choose one set with --set bus.frames=fd or classic (and bus.key if secured)"
         )
     pressure, command = present[0].pressure.spec, present[0].command.spec
     if command.frame_id not in bus.kept:
@@ -101,7 +101,7 @@ def frames_of(
 class _Bus:
     """The frames of one channel, by identifier: frames to use, and numbers of frames with a valid CRC (`sound`), of
     damaged frames, of forged frames, and of all data frames (`seen`). `goes_back` describes the first decrease of the
-    times: the latest time before it and the decreased time, in s."""
+    times by the latest time before the decrease and the time after it, in s."""
 
     def __init__(self) -> None:
         self.kept: dict[int, list[CountedFrame]] = {}
@@ -112,7 +112,7 @@ class _Bus:
         self._latest = float("-inf")
 
     def add(self, message: can.Message, specs: Mapping[int, MessageSpec], key: Key | None, back_s: float) -> None:
-        # A 29-bit identifier belongs to another node, so its number here must differ from every 11-bit identifier.
+        # A 29-bit identifier belongs to another node. The addition makes its number differ from all 11-bit identifiers.
         frame_id = message.arbitration_id + (message.is_extended_id << 32)
         self.seen[frame_id] += 1
         if (spec := specs.get(frame_id)) is None:
@@ -154,8 +154,8 @@ class _Bus:
 
 
 def _channel_of(path: Path, buses: Mapping[str, _Bus], specs: Mapping[int, MessageSpec]) -> str:
-    """Return the channel that has our frames. A CRC can be valid by chance, so channels are preferred on which at least
-    half of the frames of one of our messages are valid."""
+    """Return the channel that has our frames. A CRC can be valid by chance, so the function prefers channels on which
+    at least half of the frames of one of our messages are valid."""
     ours = {
         name: [(specs[one].name, count) for one, count in sorted(bus.sound.items()) if count >= bus.damaged[one]]
         for name, bus in buses.items()

@@ -2,7 +2,7 @@
 
 Row k has the pressures of frame k, and the action of the first command that echoes frame k's counter. A command may be
 based on an older frame, because the ECU held its command or shut the jets when a frame was missing; such a command
-belongs to the period in which it arrived. A command for the next period is the action of the next row.
+belongs to the period in which it arrived. A command with the flag `next_period` is the action of row k + 1.
 """
 
 from collections.abc import Sequence
@@ -52,7 +52,7 @@ class SenderClock(NamedTuple):
     """The sender's periods on the log's clock.
 
     Attributes:
-        start_s: time of row 0 in s. It is a median: half of the frames came later than the times of their rows.
+        start_s: time of row 0 in s; a median, so that half of the frames are later than the times of their rows.
         period_s: the sender's period in s.
         jitter_s: largest difference in s between the time of a frame and its row's time.
     """
@@ -65,7 +65,7 @@ class SenderClock(NamedTuple):
 def samples_of(stretch: FrameStretch, messages: MessageSet, period_s: float) -> tuple[Array, Array, int]:
     """Return the pressures (n, 4) in Pa of the stretch's n frames, their sampling times (n,) in s on the log's clock,
     and the number of frames that were sent a period or more after the sampling. A pressure is NaN if its sensor was
-    invalid, or if its frame was such a late frame or cannot be parsed."""
+    invalid, or if its frame was sent that late or cannot be parsed."""
     parsed = [messages.pressure.parse(frame.data) for frame in stretch.frames]
     pressure = np.array([(np.nan,) * SENSORS if one is None else one.pressure_pa for one in parsed])
     valid = np.array([(False,) * SENSORS if one is None else one.valid for one in parsed])
@@ -80,8 +80,8 @@ def clock_of(stretch: FrameStretch, sampled_s: Array, period_s: float | None = N
     the line. If `period_s`, the sender's period in s, is None, it is fitted too."""
     index = stretch.index.astype(np.float64)
     if period_s is None:
-        # This is the Theil-Sen slope, but only from pairs with half of the frames between them: closer pairs give
-        # slopes with larger errors.
+        # This is the Theil-Sen slope, but only from pairs with half of the frames between them, because closer pairs
+        # give slopes with larger errors.
         half = len(stretch) // 2
         period_s = float(np.median((sampled_s[half:] - sampled_s[:-half]) / (index[half:] - index[:-half])))
     late = sampled_s - period_s * index

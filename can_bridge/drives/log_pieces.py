@@ -43,7 +43,7 @@ class Piece:
 
 
 class Cutter:
-    """A collector of pieces. It also collects one line of text for each gap that was filled, cut or left out.
+    """A collector of pieces. It also collects a line of text for each cut and for each gap that was filled or left out.
 
     Attributes:
         lines: lines of text, which state times in s after the log's first pressure.
@@ -81,7 +81,7 @@ class Cutter:
         if not len(whole):
             self.lines.append(f"none of the {len(table) - 1} rows {self._at(clock, 1)} is complete: left out")
             return
-        # Missing rows at the ends are not gaps: the logger started before the ECU, or stopped between two frames.
+        # Missing rows at both ends are no gaps, because the logger may start before the ECU or stop between two frames.
         head, tail = int(whole[0]), int(whole[-1]) + 1
         if len(table) - 1 > tail - head:
             self.lines.append(

@@ -29,7 +29,7 @@ from contract.errors import DatasetError
 _OTHER_PERIOD: Final = 0.2
 """Largest relative difference between the control period and the median time from one frame to the next."""
 _DRIFT: Final = 1e-3
-"""Largest relative difference between the sender's period and the control period, as in tables with times
+"""Largest relative difference between the sender's period and the control period, the same as for tables with times
 (`contract.recording.findings`). Quartz clocks differ ten times less. Rows with a larger difference are resampled."""
 _OUTSIDE: Final = 0.05
 """Largest relative difference between the control period and the nearest period that fits the log's speeds."""
@@ -105,9 +105,9 @@ def series_of(
     )
     speeds = vehicle_speeds(log.speeds, log.messages, scales.believed)
     if (interval_s := usual_interval(log.pressures, modulus)) is None:
-        raise DatasetError(f"{path}: none of its pressures are consecutive: frames between them are missing")
+        raise DatasetError(f"{path}: no two of its pressures are consecutive: frames between them are missing")
     if interval_s <= 0.0:
-        raise DatasetError(f"{path}: most pressures are no later than the pressure before: its times are too coarse")
+        raise DatasetError(f"{path}: most pressures are not later than the one before; the times are too coarse")
     if speeds is None:
         nominal_s, point = scales.period_s, scales.point
         _check_period(path, interval_s, scales)
@@ -124,7 +124,7 @@ def series_of(
         if speeds is None:
             _check_drift(path, clock, rows, scales)
         else:
-            # Jitter changes the median interval more than the fitted period.
+            # The fitted period replaces the median interval, which jitter changes more.
             nominal_s = _nominal(clock.period_s, _uncertain(clock, nominal_s * rows))
         period_s = clock.period_s
     if speeds is not None:
@@ -156,7 +156,7 @@ def series_of(
             f"{path}: no part of it has {SHORTEST_PIECE} control periods in a row with valid pressures and commands; "
             f"it has {len(log.pressures)} pressures and {len(log.commands)} commands"
             + (f", and {without_speed} rows without the speed of a moving vehicle" if without_speed else "")
-            + (f", and {', '.join(dead)} never valid" if dead else "")
+            + (f"; sensors that are never valid: {', '.join(dead)}" if dead else "")
         )
     pieces, is_resampled = cutter.pieces, False
     if speeds is not None:
@@ -196,14 +196,14 @@ def series_of(
 
 def _nominal(period_s: float, within: float = _DRIFT) -> float:
     """Return the sender's period in s on the sender's clock: the nearest multiple of 0.1 ms, if the period on the log's
-    clock differs from it by at most the share `within`; otherwise the two clocks count as equal."""
+    clock has at most the relative difference `within` from it; otherwise the two clocks count as equal."""
     rounded = round(period_s, 4)
     return rounded if abs(rounded - period_s) <= within * period_s else period_s
 
 
 def _uncertain(clock: SenderClock, duration_s: float) -> float:
-    """Return the largest share by which a fitted period may differ from the nominal period. Jitter at the two ends of
-    a log looks like drift, so the share is larger for a shorter log."""
+    """Return the largest relative difference between a fitted period and the nominal period. Jitter at the two ends of
+    a log looks like drift, so a shorter log may have a larger difference."""
     return _DRIFT + clock.jitter_s / (duration_s / 2)
 
 
@@ -211,10 +211,10 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
     """Return the operating point with the log's median density and median speed while the vehicle moves. Raises
     DatasetError if the vehicle never moves, a given setting contradicts the log, or no speed fits the period."""
     moving = speeds.speed[_moves(speeds.speed, period_s, scales)]
-    if not len(moving):  # the vehicle stands, or the control period belongs to another vehicle
+    if not len(moving):  # the vehicle stands still, or the control period is that of another vehicle
         moving = speeds.speed[speeds.speed > 0.0]
     if not len(moving):
-        raise DatasetError(f"{path}: its VehicleSpeed frames state 0 m/s: the vehicle stands, so Cp is not defined")
+        raise DatasetError(f"{path}: its VehicleSpeed frames state 0 m/s: the vehicle stands still, so Cp is undefined")
     median, known = float(np.median(moving)), speeds.density[np.isfinite(speeds.density)]
     words = {"speed": (moving, "m/s"), "density": (known, "kg/m3")}
     for name, (values, unit) in words.items():
@@ -223,7 +223,7 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
             continue
         if not values.min() * (1 - _CONTRADICTS) <= setting <= values.max() * (1 + _CONTRADICTS):
             raise DatasetError(
-                f"{path}: operating_point.{name} = {setting:g} {unit}, but its VehicleSpeed frames say "
+                f"{path}: operating_point.{name} = {setting:g} {unit}, but its VehicleSpeed frames state "
                 f"{float(np.median(values)):g} {unit}: leave the setting out; Cp is computed with the log's value"
             )
     point = replace(scales.point, speed=median, density=float(np.median(known)) if len(known) else scales.point.density)
@@ -232,7 +232,7 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
     if not slow * (1 - _OUTSIDE) <= scales.period <= fast * (1 + _OUTSIDE):
         raise DatasetError(
             f"{path}: its pressures are {period_s * 1e3:.4g} ms apart, and at the {median:g} m/s of its VehicleSpeed "
-            f"frames this is a control period of {usual:.4g} W / U_inf; but flow.control_period is {scales.period:g} "
+            f"frames this is a control period of {usual:.4g} W / U_inf, but flow.control_period is {scales.period:g} "
             f"(at the {scales.point.speed:g} m/s of operating_point.speed, the period would be "
             f"{period_s / scales.point.convective_time:.4g}): give --set flow.control_period={usual:.4g}"
         )
@@ -269,6 +269,6 @@ def _check_drift(path: Path, clock: SenderClock, rows: int, scales: Scales) -> N
     if abs(drift) > _uncertain(clock, scales.period_s * rows):
         raise DatasetError(
             f"{path}: pressures come every {clock.period_s * 1e3:.6g} ms, but the control period is "
-            f"{scales.period_s * 1e3:.6g} ms: {drift:+.2%} is more than clock drift; correct flow.control_period or "
-            f"operating_point"
+            f"{scales.period_s * 1e3:.6g} ms: {drift:+.2%} is too large for a clock drift; correct "
+            f"flow.control_period or operating_point"
         )

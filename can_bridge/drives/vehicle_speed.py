@@ -18,9 +18,9 @@ from contract.config.vehicle import SpeedConfig
 _SHORTEST_S: Final = 0.1
 """Shortest time in s over which a change of speed is checked, so that rounding is not mistaken for an acceleration."""
 _STARTS: Final = 10
-"""Largest number of short spans at the beginning of a log that are left out as wrong (see `vehicle_speeds`)."""
+"""Largest number of short first spans that are left out, because a wrong first speed makes correct ones look wrong."""
 _SLOWEST: Final = 1e-3
-"""Smallest speed in m/s for computing the distance travelled, which must increase even while the vehicle stands."""
+"""Smallest speed in m/s for computing the distance travelled, which must increase even if the vehicle stands still."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

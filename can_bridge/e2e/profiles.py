@@ -18,7 +18,7 @@ class Profile:
     """The parameters of one profile.
 
     Attributes:
-        crc_length: length in bytes of the CRC and of a data ID; the counter's byte follows the CRC.
+        crc_length: length in bytes of the CRC, and also of a data ID; the counter's byte follows the CRC.
         counter_period: number of frames after which the counter wraps; a power of two.
     """
 
@@ -36,7 +36,7 @@ class Profile:
         argument does not fit its field."""
         length, largest_id = self.crc_length, (1 << 8 * self.crc_length) - 1
         if len(data) <= length:
-            raise ValueError(f"message of {len(data)} bytes: has no room for the {length + 1}-byte E2E header")
+            raise ValueError(f"a message of {len(data)} bytes has no room for the {length + 1}-byte E2E header")
         if not 0 <= data_id <= largest_id:
             raise ValueError(f"data ID {data_id:#x}: must be in 0..{largest_id:#x}")
         if not 0 <= counter < self.counter_period:

@@ -12,8 +12,8 @@ AUTOSAR's own machine leaves the check that ends NODATA out of the window. Here 
 second frame of a stream is trusted. AUTOSAR's machine does the same with MinOkStateInit = 1, MinOkStateValid = 1 and
 MinOkStateInvalid = 2, as long as the window holds the first check.
 
-A repeated frame, a jump in the counter and a period without a frame are neither good nor bad: they push good checks out
-of the window. As in the standard, the receiver continues from the new count after a jump, so that the frames of a
+A repeated frame, a jump in the counter and a period without a frame are neither good nor bad, but they push good checks
+out of the window. As in the standard, the receiver continues from the new count after a jump, so that the frames of a
 restarted sender are good from the second frame on.
 
 As in the standard, the state machine advances once a period, whatever the number of frames. The check of a period is an
@@ -32,7 +32,7 @@ from contract.config.vehicle import E2eConfig
 
 
 class FrameCheck(Enum):
-    """The result of the check of a frame or of a period. Its value is its index in `ReceiverState.counts`."""
+    """The result of the check of a frame or of a period; the value is the index in `ReceiverState.counts`."""
 
     OK = 0
     OK_SOME_LOST = 1

@@ -1,6 +1,6 @@
 """The interface from the store to its memory: a folder (`folder_backing`) or a chip's flash memory.
 
-If the power fails during `keep`, the memory then has the old record or the whole new record. A loss of power never
+If the power fails during `keep`, the memory has either the old record or the whole new record. A loss of power never
 deletes data that were written to a slot before the last `keep` of a `RecordKind.STATE`.
 """
 
@@ -58,7 +58,7 @@ class RecordKind(IntEnum):
 
 
 class Backing(Protocol):
-    """A memory for two images of up to `capacity` bytes, and four records. It raises MediumError if it fails."""
+    """A memory for two images of up to `capacity` bytes, and four records. A method raises MediumError if it fails."""
 
     @property
     def capacity(self) -> int: ...
@@ -70,7 +70,7 @@ class Backing(Protocol):
         """Replace the record of this kind; `record` has at most `MAX_RECORD` bytes."""
 
     def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
-        """Erase a slot in parts, from byte `behind` to the end; `behind` is 0 or a result of `begin_again`."""
+        """Erase a slot in parts, from byte `behind` to the slot's end; `behind` is 0 or a result of `begin_again`."""
 
     def begin_again(self, slot: Slot, length: int) -> int:
         """Prepare a slot after power-on so that data can be appended after its first `length` bytes. Returns the number
@@ -78,7 +78,7 @@ class Backing(Protocol):
         MediumError if the whole slot must be erased."""
 
     def append(self, slot: Slot, data: bytes) -> None:
-        """Append data to the data written to a slot since its erasure. Raises MediumError also if the slot is full."""
+        """Append data to the data written to a slot since its erasure. Also raises MediumError if the slot is full."""
 
     def read(self, slot: Slot, offset: int, length: int) -> bytes:
-        """Return bytes that were appended."""
+        """Return bytes of a slot that were appended."""

@@ -45,7 +45,7 @@ class Rules:
 
 def check(image: bytes, rules: Rules) -> tuple[Verdict, Bundle | None]:
     """Return GOOD and the image's bundle. If a check fails, return the verdict of the first failed check, and None.
-    Nothing is parsed before its signature is verified."""
+    Only the container is parsed before the signature is verified."""
     files = {}
     try:
         files = files_of(image)

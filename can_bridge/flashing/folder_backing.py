@@ -114,7 +114,7 @@ class FolderBacking:
     def keep(self, kind: RecordKind, record: bytes) -> None:
         """Replace a record; for `RecordKind.STATE`, sync the slots first. Raises ValueError for an overlong record."""
         if len(record) > MAX_RECORD:
-            raise ValueError(f"record of {len(record)} bytes: must have at most {MAX_RECORD}")
+            raise ValueError(f"the record has {len(record)} bytes: must have at most {MAX_RECORD}")
         if kind == RecordKind.STATE:
             for slot in sorted(self._unsynced):
                 self._files.sync(_slot_file(slot))
@@ -126,7 +126,7 @@ class FolderBacking:
         self._files.sync_folder()
 
     def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
-        """Empty a slot's file. `behind` must be 0; `begin_again` of this class never makes another value necessary."""
+        """Empty a slot's file. `behind` must be 0, because `begin_again` of this class always keeps all bytes."""
         assert behind == 0
         self._written.pop(slot, None)
         self._files.replace(_slot_file(slot), b"")
@@ -139,18 +139,18 @@ class FolderBacking:
         """Truncate a slot's file to `length` bytes; raises MediumError if the file has fewer bytes."""
         there = self._files.size(_slot_file(slot))
         if there < length:
-            raise MediumError(f"slot {slot.name}: {there} bytes are there, must be {length} or more", there)
+            raise MediumError(f"slot {slot.name} has {there} bytes: must have {length} or more", there)
         if there:
             self._files.truncate(_slot_file(slot), length)
         self._written[slot] = length
         return length
 
     def append(self, slot: Slot, data: bytes) -> None:
-        """See `Backing.append`. Raises MediumError also if the slot was not prepared since power-on."""
+        """See `Backing.append`. Also raises MediumError if the slot was not prepared since power-on."""
         if slot not in self._written:
-            raise MediumError(f"slot {slot.name}: clear it, or announce an image again, before writing to it", 0)
+            raise MediumError(f"slot {slot.name} is not prepared: clear it, or announce its image again", 0)
         if self._written[slot] + len(data) > self.capacity:
-            raise MediumError(f"slot {slot.name}: has room for only {self.capacity} bytes", self.capacity)
+            raise MediumError(f"slot {slot.name} has room for only {self.capacity} bytes", self.capacity)
         before = self._written.pop(slot)
         self._unsynced.add(slot)
         self._files.append(_slot_file(slot), data)

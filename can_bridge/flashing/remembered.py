@@ -64,7 +64,7 @@ class Remembered:
         self.keep(self.state.with_slot(slot, changed))
 
     def judged(self, slot: Slot) -> Long[tuple[Verdict, Release | None]]:
-        """Read a complete image from the memory and return the result of all checks."""
+        """Read a complete image from the memory and return the result of its checks."""
         standing = self.state.slots[slot]
         image = bytearray()
         try:
@@ -106,11 +106,11 @@ _ENTRY: Final = struct.Struct(">32sH")
 
 
 def encode_calibrations(kept: Mapping[str, bytes]) -> bytes:
-    """Return the record of calibrations by digest; raises ValueError for a calibration that is too long."""
+    """Return the record of calibrations by digest; raises ValueError for a calibration that is empty or too long."""
     parts = [_HEAD.pack(_MAGIC, len(kept))]
     for digest, blob in sorted(kept.items()):
         if not 1 <= len(blob) <= MAX_CALIBRATION:
-            raise ValueError(f"calibration of {digest[:8]}: {len(blob)} bytes, must be 1 to {MAX_CALIBRATION}")
+            raise ValueError(f"the calibration {digest[:8]} has {len(blob)} bytes: must have 1 to {MAX_CALIBRATION}")
         parts.append(_ENTRY.pack(bytes.fromhex(digest), len(blob)) + blob)
     return b"".join(parts)
 
@@ -127,7 +127,7 @@ def decode_calibrations(raw: bytes) -> dict[str, bytes]:
             kept[digest.hex()] = raw[at : at + length]
             at += length
     except struct.error as error:
-        raise ValueError(f"calibrations: {len(raw)} bytes, and the last bytes are missing") from error
+        raise ValueError(f"the record of calibrations ends after {len(raw)} bytes, before its last entry") from error
     if encode_calibrations(kept) != raw:
-        raise ValueError(f"calibrations: {len(raw)} bytes: must begin with {_MAGIC.decode()}")
+        raise ValueError(f"the record of calibrations ({len(raw)} bytes) is damaged or lacks {_MAGIC.decode()}")
     return kept

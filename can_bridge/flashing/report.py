@@ -1,4 +1,4 @@
-"""The report on the store, for testers (`Did.STORE`). It has less than 2048 bytes. Its parts, with lengths in bytes:
+"""The report on the store, for testers (`Did.STORE`). It has less than 2048 bytes. Its parts (lengths in bytes):
 
     "SWT1" (4)
     running slot, active slot, slot of the next boot (1 each, 0xFF for none); reason of the last boot (1, 0 for none)
@@ -116,11 +116,11 @@ def decode(raw: bytes) -> StoreReport:
     try:
         magic, *listed, reason, least, version, programming, calibration = _HEAD.unpack_from(raw)
         if magic != _MAGIC:
-            raise ValueError(f"begins with {magic.hex()}; this version reads {_MAGIC.hex()}")
+            raise ValueError(f"it begins with {magic.hex()}, but this version reads {_MAGIC.hex()}")
         first, at = _slot(raw, _HEAD.size)
         second, at = _slot(raw, at)
         if at != len(raw):
-            raise ValueError(f"{len(raw)} bytes, must be {at}")
+            raise ValueError(f"it has {len(raw)} bytes, but must have {at}")
         running, active, next_boot = (None if slot == _NONE else Slot(slot) for slot in listed)
         return StoreReport(
             slots=(first, second),
@@ -142,7 +142,7 @@ def _slot(raw: bytes, at: int) -> tuple[SlotReport, int]:
     at += _SLOT.size
     name = raw[at : at + size].decode()
     if len(raw) < at + size or (name and not is_name(name)):
-        raise ValueError(f"name {name!r}")
+        raise ValueError(f"its release name {name!r} is invalid")
     slot = SlotReport(
         phase=SlotPhase(phase),
         name=name,

@@ -44,7 +44,7 @@ class SlotPhase(IntEnum):
     TRIAL = 3
     """The image is activated: it boots from the next reset on, `boots_left` times."""
     CONFIRMED = 4
-    """The image was confirmed: its release runs now, or ran before the running release."""
+    """The image was confirmed: its release runs now, or ran before the release that runs now."""
     BAD = 5
     """The image is never booted: it failed a check, or was not confirmed during its trial."""
 
@@ -133,15 +133,15 @@ def decode(raw: bytes) -> StoreState:
     """Return the state in a record; raises ValueError for a record that is damaged or that no store writes."""
     body = raw[: -_CRC.size]
     if len(raw) < _CRC.size or raw[-_CRC.size :] != _CRC.pack(zlib.crc32(body)):
-        raise ValueError("state: damaged")
+        raise ValueError("the state is damaged")
     if body[: len(_MAGIC)] != _MAGIC:
-        raise ValueError(f"state begins with {body[: len(_MAGIC)].hex()}: must begin with {_MAGIC.hex()}")
+        raise ValueError(f"the state begins with {body[: len(_MAGIC)].hex()}: must begin with {_MAGIC.hex()}")
     try:
         first, at = _slot(body, len(_MAGIC))
         second, at = _slot(body, at)
         active, least, *attempts = _REST.unpack(body[at:])
     except struct.error as error:
-        raise ValueError(f"state of {len(raw)} bytes: too short or too long") from error
+        raise ValueError(f"the state has {len(raw)} bytes, which is too short or too long") from error
     state = StoreState(
         slots=(first, second),
         active=None if active == _NO_SLOT else Slot(active),
@@ -149,13 +149,13 @@ def decode(raw: bytes) -> StoreState:
         failed_attempts=dict(zip(Level, attempts, strict=True)),
     )
     if least < FIRST_SECURITY_VERSION:
-        raise ValueError(f"state: least security version {least}: must be {FIRST_SECURITY_VERSION} or more")
+        raise ValueError(f"state: the least security version is {least}: must be {FIRST_SECURITY_VERSION} or more")
     if state.active is not None and state.slots[state.active].phase != SlotPhase.CONFIRMED:
-        raise ValueError(f"state: slot {state.active.name} is active and not confirmed")
+        raise ValueError(f"state: slot {state.active.name} is active, but its image is not confirmed")
     if first.phase == second.phase and first.phase in (SlotPhase.CHECKED, SlotPhase.TRIAL):
-        raise ValueError(f"state: both slots are {first.phase.name}")
+        raise ValueError(f"state: both slots are {first.phase.name}, but only one may be")
     if encode(state) != raw:
-        raise ValueError("state: has unknown bytes")
+        raise ValueError("the state has bytes that no store writes")
     return state
 
 
@@ -164,7 +164,7 @@ def _slot(body: bytes, at: int) -> tuple[SlotState, int]:
     phase, boots_left, length, received, security_version, sha256, digest, signer, size = _SLOT.unpack_from(body, at)
     at += _SLOT.size
     if at + size > len(body):
-        raise ValueError("state: ends within a name")
+        raise ValueError("the state ends within a name")
     name = body[at : at + size].decode()
     slot = SlotState(
         phase=SlotPhase(phase),
@@ -178,7 +178,7 @@ def _slot(body: bytes, at: int) -> tuple[SlotState, int]:
         boots_left=boots_left,
     )
     if problem := _problem(slot):
-        raise ValueError(f"state: a slot is {slot.phase.name} with {problem}")
+        raise ValueError(f"state: a slot is {slot.phase.name}, but has {problem}")
     return slot, at + size
 
 

@@ -1,7 +1,7 @@
 """The two slots for releases, one for the running release and one for a new image, and the ECU's rules for releases.
 
 The store has no clock, no randomness and no thread. A loss of power may interrupt any call. The next boot uses the
-state stored until then, and finds a valid image if there was a valid image before.
+state stored by then, and finds a valid image if there was a valid image before.
 
     announce, append .., finish     write an image to the slot that may be overwritten, and check it there
     activate                        boot the image from the next reset on, up to `TRIAL_BOOTS` times
@@ -81,7 +81,7 @@ class Store(Remembered):
         check: ImageCheck = check,
     ) -> "Store":
         """Fill a new ECU's empty memory with a key list and with a confirmed image in slot A. Raises OutOfOrderError if
-        a release is confirmed; KeyFileError if the root key did not sign the list; ConfigError for a bad image."""
+        a release is confirmed; KeyFileError if the root key did not sign the list; ConfigError for an invalid image."""
         store = cls(backing, root=root, hardware=hardware, fits=fits, check=check)
         if store.state.active is not None:
             raise OutOfOrderError("the store has a confirmed release: it must be empty to be provisioned")
@@ -149,9 +149,9 @@ class Store(Remembered):
         or less if the memory can only continue from an earlier byte. Raises ConfigError for a length or hash out of
         range; OutOfOrderError if `revert` selected another release and the ECU was not reset since."""
         if not 0 < length <= self.backing.capacity:
-            raise ConfigError(f"image of {length} bytes: must have 1 to {self.backing.capacity} for this ECU")
+            raise ConfigError(f"the image has {length} bytes: must have 1 to {self.backing.capacity} for this ECU")
         if len(sha256) != _SHA256_BYTES:
-            raise ConfigError(f"image: a SHA-256 of {len(sha256)} bytes: must have {_SHA256_BYTES}")
+            raise ConfigError(f"the image's SHA-256 has {len(sha256)} bytes: must have {_SHA256_BYTES}")
         slot = self._writable_slot()
         standing = self.state.slots[slot]
         self._announced = None
@@ -176,7 +176,7 @@ class Store(Remembered):
         slot, standing = self._transfer()
         if standing.phase != SlotPhase.FILLING or standing.received + len(data) > standing.length:
             raise OutOfOrderError(
-                f"image: {len(data)} bytes after {standing.received}: must end at the announced {standing.length}"
+                f"{len(data)} more bytes are too many: {standing.received} of the image's {standing.length} are stored"
             )
         self._announced = None
         self.backing.append(slot, data)
@@ -184,8 +184,8 @@ class Store(Remembered):
         self._announced = slot
 
     def finish(self) -> Long[Verdict]:
-        """Check the announced image in the memory. The verdict GOOD changes the phase to CHECKED; INCOMPLETE changes
-        nothing. The call may be repeated until the activation. Raises OutOfOrderError if no image is announced."""
+        """Check the announced image in the memory. GOOD changes the phase to CHECKED, INCOMPLETE changes nothing, other
+        verdicts change it to BAD. May be repeated until the activation. Raises OutOfOrderError without an image."""
         slot, standing = self._transfer()
         if standing.received < standing.length:
             return Verdict.INCOMPLETE
@@ -253,8 +253,8 @@ class Store(Remembered):
 
     def revert(self) -> Long[Verdict]:
         """Select the release that the next reset starts: during a trial the confirmed release, otherwise the confirmed
-        release in the slot that does not run. Returns GOOD, or the reason why this release may no longer run; then
-        nothing changes. Raises OutOfOrderError if there is no release to select."""
+        release in the slot that does not run. Returns GOOD. If this release may no longer run,
+        returns the reason and changes nothing. Raises OutOfOrderError if there is no release to select."""
         trial, active = self.state.on_trial, self.state.active
         if trial is not None:
             self.keep_slot(trial, _given_up(self.state.slots[trial]))
@@ -271,12 +271,12 @@ class Store(Remembered):
 
     def take_keys(self, raw: bytes) -> None:
         """Replace the key list. Raises KeyFileError if the new list is not signed by the root key, is not newer, or
-        lacks the signing key of the active or the running confirmed release: this release could then not boot."""
+        lacks the signing key of the active or the running confirmed release, which could then not boot."""
         listed = key_list.decode(raw, self._root)
         if self.keys is not None:
             if listed.version <= self.keys.version:
                 raise KeyFileError(
-                    f"key list: version {listed.version}: must be greater than this ECU's version, {self.keys.version}"
+                    f"key list: version {listed.version} must be greater than {self.keys.version}, this ECU's version"
                 )
             for slot in (self.state.active, self.running):
                 standing = SlotState() if slot is None else self.state.slots[slot]
@@ -292,8 +292,8 @@ class Store(Remembered):
         self.keys = listed
 
     def keep_calibration(self, blob: bytes | None) -> None:
-        """Store the running release's calibration, or remove it if `blob` is None. Calibrations of releases in no slot
-        are also removed. Raises OutOfOrderError if no release runs; ConfigError for a wrong length."""
+        """Store the running release's calibration, or remove it if `blob` is None. Calibrations of releases that are
+        in no slot are removed, too. Raises OutOfOrderError if no release runs; ConfigError for a wrong length."""
         if self.running is None:
             raise OutOfOrderError("no release for the calibration: a release must run")
         running = self.state.slots[self.running].digest
@@ -323,7 +323,7 @@ class Store(Remembered):
         return self.state.with_slot(slot, SlotState(), active=slot.other if is_confirmed else None)
 
     def _is_known_bad(self, slot: Slot) -> bool:
-        """Return whether the slot's image was booted and failed, so that it has to be sent again."""
+        """Return whether the slot's image failed the checks of the last boot, so that it has to be sent again."""
         found = {} if self.last_boot is None else self.last_boot.verdicts
         was_booted = self.state.slots[slot].phase in (SlotPhase.TRIAL, SlotPhase.CONFIRMED)
         return was_booted and found.get(slot, Verdict.GOOD) != Verdict.GOOD

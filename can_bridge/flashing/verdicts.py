@@ -39,4 +39,4 @@ class Verdict(InWords):
     EMPTY = 14, "the slot is empty"
     WRONG_BUILD = 15, "the image was made for another build of the firmware, or has numbers that no ECU accepts"
     """The image's parameters have the layout of another firmware (checked right after WRONG_DBC), or its payload is too
-    short or has a number that no ECU can run (checked last)."""
+    short or has a number that no ECU accepts (checked last)."""

@@ -50,7 +50,7 @@ class Consecutive(NamedTuple):
 
 
 class FlowControl(NamedTuple):
-    """The receiver's answer: the number of frames until its next answer (0 for all), and the time between frames."""
+    """The receiver's answer: the number of frames before its next answer (0: all), and the time between frames."""
 
     status: FlowStatus | None
     block_size: int
@@ -58,7 +58,7 @@ class FlowControl(NamedTuple):
 
 
 def parse(data: bytes) -> Single | First | Consecutive | FlowControl | None:
-    """Return a frame's part of a message; None for a frame that a receiver must ignore. Never raises."""
+    """Return the message part or the flow control in a frame; None for a frame to be ignored. Never raises."""
     if not data:
         return None
     kind, low = data[0] >> 4, data[0] & 0xF

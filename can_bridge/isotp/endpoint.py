@@ -24,7 +24,7 @@ class IsoTpSettings:
         is_fd: whether to send CAN FD frames; CAN FD frames and classic frames are received.
         block_size: number of frames after which the other end must wait for this end's flow control, 0 for never.
         separation_code: code byte of the least time between the frames that the other end sends.
-        queue: largest number of messages that wait to be sent, and of received messages that wait for `take`.
+        queue: largest number of messages that wait to be sent, and also of received messages that wait for `take`.
         burst: largest number of frames of one `poll`, so that a controller's transmit buffers do not overflow.
         wait_ns: longest wait for the other end's flow control (N_Bs) or next frame (N_Cr), in ns.
         max_waits: largest number of consecutive WAIT answers of the other end.
@@ -91,8 +91,8 @@ class _Reception:
         missing = self._wanted - len(self._data)
         longest = self._frame_length - 1
         if not min(missing, longest) <= len(part.data) <= longest:
-            # Only the last frame of a message may be shorter than the first, so this frame is ignored. The frame after
-            # it then has an unexpected number and ends the reception.
+            # Only a message's last frame may be shorter than the first frame, so this frame is ignored. The next frame
+            # then has an unexpected number and ends the reception.
             return None, None
         self._data += part.data[:missing]
         self._next_number = (self._next_number + 1) % control_info.SEQUENCE_NUMBERS
@@ -266,7 +266,7 @@ class Endpoint:
         """Queue a message for the following calls of `poll`; return False if the queue is full. Raises ValueError for
         an empty or too long message."""
         if not 0 < len(message) <= MAX_MESSAGE:
-            raise ValueError(f"message of {len(message)} bytes: must have 1..{MAX_MESSAGE}")
+            raise ValueError(f"the message has {len(message)} bytes: must have 1..{MAX_MESSAGE}")
         if len(self._to_send) == self._settings.queue:
             return False
         self._to_send.append(bytes(message))

@@ -29,9 +29,9 @@ _NUMBER_OF_NAME: Final = re.compile(r"\bID\s*=\s*(\d+)(x?)", re.IGNORECASE)
 """Pattern of the decimal identifier that files of version 8 or later have after a classic frame."""
 _DIRECTIONS: Final = ("rx", "tx", "txrq")
 _NUMERIC: Final = "0123456789+-("
-"""Characters with which a line of data can begin; no header line begins with them."""
+"""Characters with which a line of data can begin; no line of the header begins with such a character."""
 _TRAILING: Final = 6
-"""Smallest count of numbers that follow the data bytes in a CAN FD line; version 8 writes two more."""
+"""Smallest count of numbers after the data bytes in a line of CAN FD; files of version 8 have two more."""
 _FLAGS: Final = 2
 """Index of the flags among the numbers after the data bytes."""
 _FD_FLAG, _REMOTE_FLAG = 0x1000, 0x10
@@ -50,7 +50,7 @@ _EVENTS: Final = {
     "overloadframe": "overload frame",
     "j1939tp": "J1939 transport",
 }
-"""Names of the events, by the first word of the line."""
+"""Names of the events, by the first word after the time or the channel."""
 
 
 def read_asc(lines: entries.Lines) -> Iterator[Entry]:
@@ -87,7 +87,7 @@ def read_asc(lines: entries.Lines) -> Iterator[Entry]:
                 yield LogEvent(entries.HEADER_LINE)
             elif not has_times or "internal events logged" in text.lower() or words[0].lower() == "date":
                 if text[0] in _NUMERIC:
-                    raise ValueError(f"{quoted(text, 60)} has no time in seconds, with a decimal point")
+                    raise ValueError(f"{quoted(text, 60)} has no time in seconds with a decimal point")
                 yield LogEvent(entries.HEADER_LINE)
             else:
                 raise ValueError(f"{quoted(text, 60)} is neither frame nor event")
@@ -128,8 +128,8 @@ class _Clock:
             since = _between(self._first_date or "", self._date)
             if since is None or time_s + since < self._latest:
                 raise ValueError(
-                    f"its time goes back from {self._latest:.6f} to {time_s:.6f} s with a trigger block, but the date "
-                    f"{quoted(self._date.strip(), 60)} of the block does not explain this"
+                    f"its time goes back from {self._latest:.6f} to {time_s:.6f} s at a trigger block, but the block's "
+                    f"date {quoted(self._date.strip(), 60)} does not explain this"
                 )
             self.offset_s = since
         self._is_new, self._has_frames = False, True
@@ -137,7 +137,7 @@ class _Clock:
 
 
 def _between(first: str, second: str) -> float | None:
-    """Return the time in s between two dates less than a month apart; None if it cannot be found."""
+    """Return the time in s between two dates less than a month apart; None if the dates do not show it."""
     months, days, seconds = [], [], []
     for text in (first, second):
         if (date := _DATE.search(text)) is None:
@@ -222,8 +222,8 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
 
 
 def _event(word: str, text: str) -> LogEvent:
-    """Return the event that a line describes, by its first word. Lines of variables and signals begin with a name,
-    so they are recognised by characters that no other lines have."""
+    """Return the event that a line describes. The first word is the kind of event, except in lines of variables and
+    signals. Such lines begin with a name, and are recognised by characters that no other lines have."""
     if "GMGroup:" in text:
         return LogEvent("marker")
     if ":=" in text:

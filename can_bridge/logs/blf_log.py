@@ -23,7 +23,7 @@ _CONTAINER: Final = struct.Struct("<H 6x L 4x")
 _CLASSIC: Final = struct.Struct("<H B B L 8s")
 """Classic frame: channel, flags, length code, identifier, data."""
 _FD: Final = struct.Struct("<H B B L L B B B 5x 64s")
-"""CAN FD frame: channel, flags, length code, identifier, time on bus, bits, flags of CAN FD, stored bytes, data."""
+"""CAN FD frame: channel, flags, length code, identifier, bus time, bit count, CAN FD flags, stored byte count, data."""
 _FD_64: Final = struct.Struct("<B B B x L 4x L 18x B B 4x")
 """CAN FD frame in the newer form: channel, length code, number of stored data bytes, identifier, flags, direction,
 offset of the bytes that follow the data."""
@@ -63,7 +63,7 @@ def read_blf(file: entries.Binary, since_epoch: entries.SinceEpoch) -> Iterator[
     it is cut off."""
     head = file.read(_FILE.size)
     if head[:4] != b"LOGG" or len(head) < _FILE.size:
-        raise ValueError("its header is not the header of a BLF")
+        raise ValueError("its header is not the header of a BLF file")
     _, header_size, announced, _, *start = _FILE.unpack(head)
     there = len(head) + len(file.read(header_size - _FILE.size))
     year, month, _, day, hour, minute, second, ms = start
@@ -77,7 +77,7 @@ def read_blf(file: entries.Binary, since_epoch: entries.SinceEpoch) -> Iterator[
             for found_kind, found_object, found_header in found:
                 yield _entry(found_kind, found_object, found_header, start_ns)
     if announced > there:
-        raise entries.CutOffError(f"{announced} bytes announced, {there} present")
+        raise entries.CutOffError(f"its header announces {announced} bytes, but {there} are present")
     if outside.has_rest or inside.has_rest:
         raise entries.CutOffError("its last object is incomplete")
 
@@ -126,7 +126,7 @@ class _Stream:
                 break
             _, header, _, size, kind = _BASE.unpack_from(data, begin)
             if size < _BASE.size or header > size:
-                raise ValueError(f"object of {size} bytes: is shorter than its header")
+                raise ValueError(f"an object of {size} bytes is shorter than its header")
             if len(data) - begin < size:
                 break
             yield kind, data[begin : begin + size], header
@@ -138,7 +138,7 @@ def _unpacked(container: bytes) -> bytes:
     method, _ = _CONTAINER.unpack_from(container, _BASE.size)
     packed = container[_BASE.size + _CONTAINER.size :]
     if method not in (0, 2):
-        raise ValueError(f"container is compressed by method {method}, must be 0 (not) or 2 (zlib)")
+        raise ValueError(f"a container has compression {method}: must be 0 (none) or 2 (zlib)")
     return zlib.decompressobj().decompress(packed) if method == 2 else packed
 
 
@@ -154,5 +154,5 @@ def _frame(
     if flags & _REMOTE and not fd:
         return entries.frame(time_s, str(channel), ident, None, dlc=length, is_rx=is_rx)
     if len(data) < length:
-        raise ValueError(f"{length} bytes announced, {len(data)} present")
+        raise ValueError(f"{length} bytes are announced, but {len(data)} are present")
     return entries.frame(time_s, str(channel), ident, data[:length], fd=fd, is_rx=is_rx)

@@ -37,7 +37,7 @@ _RELATIVE: Final = re.compile(r"\d{3}\.\d{6}")
 """A relative time: candump pads the seconds of -t z and -t d to three digits, and seconds since the epoch to ten."""
 _REMEDY: Final = "record with `candump -L`"
 _LATE: Final = 0.1
-"""Largest share of frames to which a driver may give the time of the previous frame of their channel."""
+"""Largest share of frames that may have the time of the channel's previous frame; some drivers repeat times."""
 
 
 def read_candump(lines: entries.Lines, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
@@ -72,7 +72,7 @@ class _Clock:
 
     def of(self, text: str | None, channel: str) -> float:
         if text is None:
-            raise ValueError(f"has no time: {_REMEDY}")
+            raise ValueError(f"it has no time: {_REMEDY}")
         if "-" in text and ":" in text:
             return self._since_epoch(datetime.fromisoformat(text))
         time_s = float(text)
@@ -100,7 +100,7 @@ def _entry(text: str, clock: _Clock, *, is_whole: bool) -> Entry:
     if (log := _LOG.fullmatch(text)) is not None:
         time, channel, digits, body, direction = log.groups()
         if not is_whole and direction is None:
-            raise entries.CutOffError("its last line has no end, and may be incomplete")
+            raise entries.CutOffError("its last line has no line end, so it may be incomplete")
         if body.startswith("##"):
             return LogEvent(entries.XL)
         return _logged(clock.of(time, channel), channel, _ident(digits), body, is_rx=direction not in ("T", "t"))
@@ -125,7 +125,7 @@ def _entry(text: str, clock: _Clock, *, is_whole: bool) -> Entry:
     words = rest.split()
     data = entries.bytes_of(words, count)
     if words[count:] and not words[count].startswith("'"):
-        raise ValueError(f"{count} bytes announced, {len(words)} present")
+        raise ValueError(f"{count} bytes are announced, but {len(words)} are present")
     return entries.frame(time_s, channel, ident, data, fd=fd, is_rx=is_rx)
 
 
@@ -148,7 +148,7 @@ def _logged(time_s: float, channel: str, ident: entries.Ident, body: str, *, is_
 def _ident(digits: str) -> entries.Ident:
     """Return the identifier. Its text has three digits, or eight digits for a 29-bit identifier."""
     if len(digits) > 8:
-        raise ValueError(f"identifier {digits}, must have at most 8 digits")
+        raise ValueError(f"identifier {digits} must have at most 8 digits")
     return int(digits, 16), len(digits) > 3
 
 

@@ -52,7 +52,7 @@ class LogEvent(NamedTuple):
 
 
 class CutOffError(Exception):
-    """The error for a file whose end is missing; the message states how this was detected."""
+    """The error for a file whose end is missing; its message states how the reader detected this."""
 
 
 Entry = can.Message | LogEvent
@@ -77,7 +77,7 @@ def frame(
     """Return a data frame, or a remote frame of `dlc` bytes if `data` is None. `fd` has the bits `FD_FRAME`, `BRS` and
     `ESI`; 0 means classic CAN. Raises ValueError for an identifier out of range."""
     if not 0 <= ident[0] <= MAX_EXTENDED_ID:
-        raise ValueError(f"identifier {ident[0]:X}, must have at most 29 bits")
+        raise ValueError(f"identifier {ident[0]:X} must have at most 29 bits")
     return can.Message(
         timestamp=time_s,
         arbitration_id=ident[0],
@@ -97,14 +97,14 @@ def length_of(code: int, *, is_fd: bool) -> int:
     """Return the number of bytes for a length code. The codes 9 to 15 of a classic frame mean 8 bytes (ISO 11898-1).
     Raises ValueError for an invalid code."""
     if not 0 <= code < len(FD_LENGTHS):
-        raise ValueError(f"length code {code}, must be in 0..15")
+        raise ValueError(f"length code {code} must be in 0..15")
     return FD_LENGTHS[code] if is_fd else min(code, 8)
 
 
 def check_length(length: int, *, is_fd: bool) -> int:
     """Return the length unchanged. Raises ValueError if no frame can have this length."""
     if length not in (FD_LENGTHS if is_fd else CLASSIC_LENGTHS):
-        raise ValueError(f"{length} bytes are not a length of {'CAN FD' if is_fd else 'classic CAN'}")
+        raise ValueError(f"no {'CAN FD' if is_fd else 'classic CAN'} frame has {length} bytes")
     return length
 
 
@@ -113,7 +113,7 @@ def bytes_of(words: list[str], length: int, base: int = 16) -> bytes:
     A hexadecimal byte must have two digits, so that a truncated byte is detected."""
     there = [word for word in words[:length] if _BYTE[base].fullmatch(word)]
     if len(there) < length:
-        raise ValueError(f"{length} bytes announced, {len(there)} present")
+        raise ValueError(f"{length} bytes are announced, but {len(there)} are present")
     return bytes(int(word, base) for word in there)
 
 

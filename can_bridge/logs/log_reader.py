@@ -28,10 +28,10 @@ from contract.errors import BusError
 LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".trc", ".mf4", ".mcap", ".csv", ".db")
 PACKED: Final = ".gz"
 _UNPACKED: Final = (".mf4", ".mcap", ".db")
-"""Endings of files that cannot be read if they are packed, because libraries read them from the disk."""
+"""Endings of files that must not be compressed, because libraries read these files directly from the disk."""
 
 GREATEST_TIME_S: Final = 2**63 / 1e9
-"""Largest time in s before or after the epoch that 64 bits of nanoseconds can represent: 292 years."""
+"""Largest time in s before or after the epoch that 64 bits can represent in ns: 292 years."""
 
 
 def suffix_of(path: Path) -> str:
@@ -75,13 +75,13 @@ class CanLog:
         suffix = suffix_of(path)
         if suffix not in LOG_SUFFIXES:
             raise BusError(
-                f"{path}: a log must end in {', '.join(LOG_SUFFIXES)}, or one of them and {PACKED}; "
+                f"{path}: a log must end in {', '.join(LOG_SUFFIXES)}, or in one of these and {PACKED}; "
                 f"`python -m can.logconvert` converts other formats"
             )
         if path.suffix.lower() == PACKED and suffix in _UNPACKED:
             raise BusError(f"{path}: unpack it first (gunzip): a compressed {suffix} cannot be read")
         if not path.is_file():
-            raise BusError(f"{path}: {'is a directory, must be a log' if path.is_dir() else 'there is no such file'}")
+            raise BusError(f"{path}: {'is a directory, not a log' if path.is_dir() else 'there is no such file'}")
         self.path = path
         self.events = Counter[str]()
         self.channels = Counter[str]()
@@ -103,7 +103,7 @@ class CanLog:
                     self.channels[channel] += 1
                     if not abs(entry.timestamp) <= GREATEST_TIME_S:
                         raise ValueError(
-                            f"frame {self.messages}: time {entry.timestamp} s, must be within {GREATEST_TIME_S:g} s"
+                            f"frame {self.messages} is at {entry.timestamp} s: must be within {GREATEST_TIME_S:g} s"
                         )
                     if not self._only or channel in self._only:
                         yield entry

@@ -50,7 +50,7 @@ def write_mcap(
 
     first_s = min([*(one.timestamp for one in messages), *(one.times_s[0] for one in groups if len(one.times_s)), 0.0])
     if first_s < 0.0:
-        raise BusError(f"{path}: MCAP has no times before 0, and the first is {first_s:g} s")
+        raise BusError(f"{path}: MCAP has no times before 0, but the first time is {first_s:g} s")
     dated = merge(_frames(messages), *map(_values, groups), events, key=lambda one: one[1])
     with replacing(path) as temporary, temporary.open("wb") as file, Writer(file) as writer:
         writer.add_metadata("run", dict(facts))

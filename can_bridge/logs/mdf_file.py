@@ -49,10 +49,10 @@ def asammdf_for(path: Path) -> Any:
         package = import_module("asammdf")
     except ImportError as error:
         raise BusError(
-            f"{path}: ASAM MDF needs asammdf: {install('mdf')}; or convert elsewhere, from or to BLF: "
+            f"{path}: ASAM MDF needs asammdf: {install('mdf')}; or convert from or to BLF on another computer: "
             f"`python -m can.logconvert {path.name} {path.stem}.blf`"
         ) from error
-    # asammdf also logs the errors that it raises. After it failed to open a file, its object fails in `__del__`.
+    # asammdf also logs the errors that it raises. Its object for a file that cannot be opened fails in `__del__`.
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     reader: Any = import_module("asammdf.blocks.mdf_v4").MDF4
     reader.__del__ = lambda one: one.close() if {"header", "_file"} <= vars(one).keys() else None
@@ -133,7 +133,7 @@ def _frames(kind: str, fields: Mapping[str, Any], start_s: float) -> Iterator[ca
         there = of("DataLength", row) if "DataLength" in columns else length
         data = np.asarray(columns["DataBytes"][row], dtype=np.uint8).tobytes()[:there]
         if len(data) != length:
-            raise ValueError(f"record {row + 1} of {kind}: {length} bytes announced, {len(data)} present")
+            raise ValueError(f"record {row + 1} of {kind}: {length} bytes are announced, but {len(data)} present")
         fd |= (BRS * (of("BRS", row) == 1) | ESI * (of("ESI", row) == 1)) if fd else 0
         yield entries.frame(time_s, channel, ident, data, fd=fd, is_rx=is_rx)
 

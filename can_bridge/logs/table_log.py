@@ -24,12 +24,12 @@ def read_csv(lines: Lines) -> Iterator[Entry]:
         try:
             if number == 1:
                 if text != TABLE_COLUMNS:
-                    raise ValueError(f"{quoted(text, 60)}: must be {TABLE_COLUMNS}, as python-can's logger writes it")
+                    raise ValueError(f"{quoted(text, 60)} must be {TABLE_COLUMNS}, as python-can's logger writes it")
                 yield LogEvent(HEADER_LINE)
                 continue
             values = text.split(",")
             if len(values) != TABLE_COLUMNS.count(",") + 1:
-                raise ValueError(f"{len(values)} values, must be {TABLE_COLUMNS.count(',') + 1}")
+                raise ValueError(f"it has {len(values)} values: must have {TABLE_COLUMNS.count(',') + 1}")
             flags, dlc = [bool(int(value)) for value in values[2:5]], int(values[5])
             yield _entry(float(values[0]), int(values[1], 16), flags, dlc, base64.b64decode(values[6], validate=True))
         except ValueError as error:
@@ -56,6 +56,6 @@ def _entry(time_s: float, frame_id: int, flags: list[bool], dlc: int, data: byte
     if is_remote:
         return frame(time_s, "", (frame_id, is_extended), None, dlc=dlc)
     if dlc != len(data):
-        raise ValueError(f"{dlc} bytes announced, {len(data)} present")
+        raise ValueError(f"{dlc} bytes are announced, but {len(data)} are present")
     is_fd = entries.check_length(dlc, is_fd=True) > 8 or (frame_id in FD_IDS and not is_extended)
     return frame(time_s, "", (frame_id, is_extended), data, fd=FD_FRAME | BRS if is_fd else 0)

@@ -42,13 +42,13 @@ def read_trc(lines: entries.Lines, since_epoch: entries.SinceEpoch) -> Iterator[
                 case "$FILEVERSION":
                     columns = list(_COLUMNS.get(value, ""))
                     if value not in _COLUMNS and value not in ("2.0", "2.1"):
-                        raise ValueError(f"version {quoted(value)}, must be {', '.join(_COLUMNS)}, 2.0 or 2.1")
+                        raise ValueError(f"version {quoted(value)} must be {', '.join(_COLUMNS)}, 2.0 or 2.1")
                 case "$STARTTIME":
                     start_s = since_epoch(_DAY_ZERO + timedelta(days=float(value.replace(",", "."))))
                 case "$COLUMNS":
                     columns = value.split(",")
                     if not {"O", "I"} <= set(columns) or not {"l", "L"} & set(columns):
-                        raise ValueError(f"columns {quoted(value, 60)}, must have O (time), I, and l or L (length)")
+                        raise ValueError(f"columns {quoted(value, 60)} must have O (time), I, and l or L (length)")
             yield LogEvent(entries.HEADER_LINE if name.startswith("$") else entries.COMMENT)
         except (ValueError, OverflowError) as error:
             raise ValueError(f"line {number}: {error}") from None
@@ -56,7 +56,7 @@ def read_trc(lines: entries.Lines, since_epoch: entries.SinceEpoch) -> Iterator[
 
 def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> Entry:
     if not columns:
-        raise ValueError("is before ;$COLUMNS, which this version must have")
+        raise ValueError("the frame is before the line ;$COLUMNS, which this version must have")
     head = [name for name in columns if name != "D"]
     words = text.split()
     kind = words[columns.index("T")].upper() if "T" in columns and len(words) > columns.index("T") else ""
@@ -91,8 +91,8 @@ def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> 
     if kind == "RR" or rest[:1] == ["RTR"]:
         return entries.frame(time_s, channel, ident, None, dlc=length, is_rx=is_rx)
     if kind not in ("", "RX", "TX", "DT", *_FD) or direction not in ("", "RX", "TX", "DT"):
-        raise ValueError(f"type {quoted(kind)} is no type of this format")
+        raise ValueError(f"{quoted(kind)} is not a frame type of this format")
     data = entries.bytes_of(rest, length)
     if len(rest) > length:
-        raise ValueError(f"{length} bytes announced, {len(rest)} present")
+        raise ValueError(f"{length} bytes are announced, but {len(rest)} are present")
     return entries.frame(time_s, channel, ident, data, fd=_FD.get(kind, 0), is_rx=is_rx)

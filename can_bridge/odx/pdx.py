@@ -128,7 +128,7 @@ class Described(NamedTuple):
 
 
 def described() -> Iterator[Described]:
-    """Yield all services; they are read from the server's own tables."""
+    """Yield all services, from the tables that the server itself uses."""
     timing = (value("p2_ms", "u16"), value("p2_star_10_ms", "u16"))
     for session in Session:
         yield Described(f"session_{session.name}", Service.SESSION, (session,), answer=timing)

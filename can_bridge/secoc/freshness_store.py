@@ -48,7 +48,7 @@ class FreshnessStore:
         return Authentication(key=key, trip=self._trip, heard=self._heard)
 
     def accepted(self, frame_id: int, freshness: int) -> None:
-        """Take the newest accepted value, and write it if a write is due; raises StillwakeError if writing fails."""
+        """Process the newest accepted value: write it if a write is due. Raises StillwakeError if writing fails."""
         kept = self._heard.get(frame_id, 0)
         if freshness >> 32 != kept >> 32 or freshness - kept >= self._every:
             self._keep(self._trip, {**self._heard, frame_id: freshness})
@@ -58,14 +58,14 @@ class FreshnessStore:
         try:
             tree = json.loads(self._path.read_text(encoding="utf-8"))
             if tree["schema"] != FRESHNESS_SCHEMA:
-                raise ValueError(f"schema {tree['schema']!r}, must be {FRESHNESS_SCHEMA!r}")
+                raise ValueError(f"the schema is {tree['schema']!r}: must be {FRESHNESS_SCHEMA!r}")
             heard = {int(frame_id): _whole(value, LARGEST_FRESHNESS) for frame_id, value in tree["heard"].items()}
             return _whole(tree["trip"], LARGEST_HALF), heard
         except FileNotFoundError:
             return 0, {}
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise BusError(
-                f"{self._path}: not a freshness file ({error}); without a valid file the key must not be used again: "
+                f"{self._path}: not a freshness file ({error}); the key must not be used without a valid file: "
                 "remove the file and give both nodes a new key"
             ) from error
 

@@ -26,9 +26,9 @@ class Key(NeverCopied):
 
     def __init__(self, secret: bytes) -> None:
         if len(secret) != KEY_LENGTH:
-            raise ValueError(f"a key of {len(secret)} bytes: must have {KEY_LENGTH}")
+            raise ValueError(f"a key of {len(secret)} bytes is invalid: must have {KEY_LENGTH}")
         if not any(secret):
-            raise ValueError("a key of zeros: must be random")
+            raise ValueError("a key of zeros is invalid: must be random")
         # Copying a prepared object for each frame is four times as fast as preparing a new object.
         self._prepared = CMAC(AES(secret))
 

@@ -24,7 +24,7 @@ LARGEST_FRESHNESS: Final = 0xFFFFFFFFFFFFFFFF
 
 @dataclass(frozen=True, kw_only=True)
 class Freshness:
-    """The freshness of one sender, as in AUTOSAR SecOC. Raises ValueError for a counter that does not fit 32 bits.
+    """The freshness of one message of a sender, as in AUTOSAR SecOC. Raises ValueError for a counter out of range.
 
     Attributes:
         trip: number of power cycles, including this one; at least 1, so that every value is greater than 0.
@@ -37,7 +37,7 @@ class Freshness:
     def __post_init__(self) -> None:
         for name, value, least in (("trip", self.trip, 1), ("count", self.count, 0)):
             if not least <= value <= LARGEST_HALF:
-                raise ValueError(f"freshness {name} {value}: must be in {least}..{LARGEST_HALF}")
+                raise ValueError(f"freshness: {name} = {value}: must be in {least}..{LARGEST_HALF}")
 
     @property
     def value(self) -> int:
@@ -53,9 +53,9 @@ class Freshness:
 def secure(frame: Frame, spec: MessageSpec, key: Key, freshness: Freshness) -> Frame:
     """Return a frame as sent on the bus. Raises ValueError unless the frame is a secured message's protected part."""
     if not spec.is_secured:
-        raise ValueError(f"{spec.name}: has no room for a MAC")
+        raise ValueError(f"{spec.name} has no room for a MAC")
     if len(frame.data) != spec.protected:
-        raise ValueError(f"{spec.name} of {len(frame.data)} bytes: must have {spec.protected} before it is secured")
+        raise ValueError(f"{spec.name} has {len(frame.data)} bytes: must have {spec.protected} before it is secured")
     covered = frame.data.ljust(spec.length - FRESHNESS_LENGTH - MAC_LENGTH, b"\0")
     covered += freshness.value.to_bytes(FRESHNESS_LENGTH, "big")
     data = covered + _mac(covered, spec, key)
@@ -97,7 +97,7 @@ class VerifierState:
 
 
 class Verification(NamedTuple):
-    """The frames that passed in a period. `none_authentic` is true if the message's frames were all refused."""
+    """The frames that passed in a period. `none_authentic` is true if the message arrived only in refused frames."""
 
     state: VerifierState
     frames: Sequence[Frame]

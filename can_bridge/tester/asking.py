@@ -25,7 +25,7 @@ P2_S: Final = 1.0
 P2_EXTENDED_S: Final = 6.0
 """Longest wait in s for the next answer after a response-pending."""
 LONGEST_PENDING_S: Final = 60.0
-"""Longest time in s for which an ECU may send only response-pending or busy answers; then the request has failed."""
+"""Longest time in s for which an ECU may send only response-pending or busy answers, before the request fails."""
 TIMES: Final = 5
 """Largest number of attempts at a request that gets no answer."""
 READ_TIMES: Final = 25
@@ -35,7 +35,7 @@ BUSY: Final = 0x21
 """Negative response code busyRepeatRequest (ISO 14229-1, table A.1)."""
 BUSY_WAIT_S: Final = 0.1
 PRESENT_S: Final = 2.0
-"""Time in s between messages that keep a session open: less than half of `S3_MS`, so that one of them may be lost."""
+"""Time in s between messages that keep a session open: less than half of `S3_MS`, so that one message may be lost."""
 DELAY_S: Final = 15.0
 """Longest wait in s while the ECU accepts no key after wrong keys; it exceeds the ECU's delay of 10 s."""
 
@@ -71,8 +71,8 @@ class Asking:
         raw = self.read(did)
         if len(raw) != size:
             raise FlashError(
-                f"the ECU's {did.name.lower()} has {len(raw)} bytes, must have {size}: it has another version of "
-                "stillwake, or is another ECU"
+                f"the ECU's {did.name.lower()} has {len(raw)} bytes, must have {size}: the ECU has another version "
+                "of stillwake, or is another ECU"
             )
         return int.from_bytes(raw, "big")
 
@@ -104,8 +104,8 @@ class Asking:
                     continue
                 if refused.code == Nrc.INVALID_KEY:
                     raise AccessError(
-                        f"the ECU refused the key for {level.name.lower()}: it must be the ECU's key; name its file "
-                        f"with --access"
+                        f"the ECU refused the key for {level.name.lower()}: it must be the ECU's key; name the key's "
+                        f"file with --access"
                     ) from refused
                 if refused.code == Nrc.EXCEEDED_ATTEMPTS:
                     raise AccessError(
@@ -234,7 +234,7 @@ def _settings(key: KeyOf | None, pending: Callable[[], None]) -> Any:
 
     def algorithm(level: int, seed: bytes) -> bytes:
         if key is None:
-            raise AccessError("the ECU asks for a key; name its key file with --access")
+            raise AccessError("the ECU asks for a key; name the ECU's key file with --access")
         return key(Level(level), seed)
 
     return {

@@ -27,13 +27,13 @@ class Calibrated:
 
 def read(asking: Asking) -> Calibrated:
     """Read the calibration, in any session; raises FlashError for an ECU without values to calibrate."""
-    missing = FlashError("the ECU has no calibration: no release runs in it; flash one")
+    missing = FlashError("the ECU has no calibration: no release runs in it; flash a release")
     with refusal_means(Nrc.OUT_OF_RANGE, missing):
         in_force, of_release = asking.read(Did.CALIBRATION), asking.read(Did.CALIBRATION_LIMITS)
         is_stored = asking.read(Did.CALIBRATION_STORED) == _STORE
     try:
         if len(of_release) != 3 * PACKED_BYTES:
-            raise ConfigError(f"limits of {len(of_release)} bytes, must have {3 * PACKED_BYTES}")
+            raise ConfigError(f"its limits have {len(of_release)} bytes: must have {3 * PACKED_BYTES}")
         least, greatest, release = (
             Calibration.unpack(of_release[start : start + PACKED_BYTES])
             for start in range(0, len(of_release), PACKED_BYTES)
@@ -80,5 +80,5 @@ def _check_in_force(asking: Asking, wanted: bytes) -> None:
     found = asking.read(Did.CALIBRATION)
     if found != wanted:
         raise FlashError(
-            "the ECU's values differ from the written values: another tool calibrates it; end that tool and try again"
+            "the ECU's values differ from the written values: end another tool that calibrates the ECU, and try again"
         )

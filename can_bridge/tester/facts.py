@@ -57,7 +57,7 @@ def _text(asking: Asking, did: Did) -> str:
 
 def check_fits(release: Bundle, length: int, facts: EcuFacts) -> None:
     """Raise WrongReleaseError if a property of the release does not fit the ECU. `length` is the size of the release's
-    image in bytes. The bundle has the DBC of this version, because no other bundle can be loaded."""
+    image in bytes. The bundle has this program's own DBC, because no other bundle can be loaded."""
     for line in _misfits(release, length, facts):
         raise WrongReleaseError(f"bundle {release.manifest.name} {line}; nothing was written")
 
@@ -109,7 +109,7 @@ class StoredFault:
 
 
 def read_faults(asking: Asking) -> list[StoredFault]:
-    """Return all codes that are pending, confirmed or present; raises FlashError for codes of another version."""
+    """Return all codes that are pending, confirmed or present; raises FlashError for unknown codes."""
     found = asking.faults("get_dtc_by_status_mask", int(_ENTERED))
     return [_read_one(asking, int(dtc.id), int(dtc.status.get_byte_as_int())) for dtc in found]
 
@@ -126,4 +126,4 @@ def _read_one(asking: Asking, code: int, status: int) -> StoredFault:
         age = extended[0].raw_data[0] if extended else 0
         return StoredFault(code=code, reason=reason, status=Status(status), age=age, **moment)
     except (KeyError, IndexError, ValueError) as error:
-        raise FlashError(f"the ECU has fault {code:06X} of another version of stillwake ({error})") from error
+        raise FlashError(f"the ECU has the fault {code:06X} of another version of stillwake ({error})") from error

@@ -112,7 +112,7 @@ def flash(
 def reset_and_wait(asking: Asking) -> None:
     """Reset an ECU that is in the programming session, and wait until it answers in the default session."""
     for _ in range(RESETS):
-        # The answer may be lost, or the ECU may already be resetting.
+        # An error does not matter: the answer may be lost, or the ECU may already be resetting.
         with suppress(NoAnswerError, RefusedError):
             asking.reset(times=1)
         # The ECU answers before it resets, so it may still be running.
@@ -246,7 +246,7 @@ class _Flashing:
         return read_store(self.asking)
 
     def _leave(self) -> None:
-        """Reset the ECU, so that its old release runs. Only a reset ends a transfer that has begun."""
+        """Reset the ECU, so that its old release runs. After an announcement, only a reset lets the jets run again."""
         with suppress(FlashError):
             self.asking.session(Session.PROGRAMMING)
             self.asking.reset(times=1)

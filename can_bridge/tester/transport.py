@@ -1,6 +1,6 @@
 """A CAN connection for udsoncan: ISO-TP by can-isotp over the buses of `can_bridge.bus`. Needs the extra `flash`.
 
-There is no thread: an ECU only answers requests, so the bus is only read while a request is sent and its answer is
+There is no thread. An ECU only answers requests, so the bus is read only while a request is sent or its answer is
 awaited. Late or repeated responses to an earlier request are dropped.
 """
 
@@ -59,7 +59,7 @@ _ENDS_SENDING: Final = (isotp.FlowControlTimeoutError, isotp.OverflowError, isot
 
 
 def silence() -> None:
-    """Keep the libraries' warnings from stderr: Python prints warnings there if a logger has no handler."""
+    """Suppress the libraries' warnings, which Python prints on stderr if a logger has no handler."""
     for name in ("UdsClient", "Connection", "isotp"):
         logging.getLogger(name).addHandler(logging.NullHandler())
 

@@ -74,8 +74,8 @@ _OURS: Final = {(spec.name, spec.frame_id) for spec in SPECS}
 
 @dataclass(frozen=True, kw_only=True)
 class BackgroundTraffic:
-    """The messages of other nodes, highest priority first. `left_out` names the file's unsent messages, with
-    reasons."""
+    """The messages of other nodes, highest priority first. `left_out` has the name of each message in the file that is
+    not sent, with the reason."""
 
     messages: tuple[PeriodicMessage, ...]
     left_out: tuple[str, ...] = ()
@@ -129,7 +129,7 @@ def _why_not(message: "Message", database: "Database") -> str | None:
     if not message.cycle_time or round(message.cycle_time * NS_PER_MS) <= 0:
         return "no cycle time"
     if message.length > (FD_LENGTHS if message.is_fd else CLASSIC_LENGTHS)[-1]:
-        return f"{message.length} bytes: more than a frame"
+        return f"{message.length} bytes are more than a frame"
     if message.is_fd and not _switches_rate(message, database):
         return "CAN FD without bit-rate switching"
     return None
@@ -148,8 +148,8 @@ def _switches_rate(message: "Message", database: "Database") -> bool:
 def _check(path: Path, message: "Message", bus: BusConfig) -> None:
     if not message.is_extended_frame and message.frame_id in OUR_IDS:
         raise BusError(
-            f"{path}: {message.name} has identifier {message.frame_id:#x}, which another node sends: two nodes must "
-            "not send the same identifier"
+            f"{path}: {message.name} has identifier {message.frame_id:#x}, which belongs to stillwake: two nodes "
+            "must not send the same identifier"
         )
     if message.is_fd and bus.frames == "classic":
         raise BusError(f"{path}: {message.name} is CAN FD, which a bus with bus.frames = classic cannot carry")
@@ -194,7 +194,7 @@ def made_up(load: float, bus: BusConfig, *, seed: int) -> tuple[PeriodicMessage,
 
 
 def _draw(load: float, bus: BusConfig, random: Random) -> Iterator[tuple[int, int]]:
-    """Yield period in ns and length in bytes of each message, until a further message would exceed the share."""
+    """Yield period in ns and length in bytes of each message, until the next message would exceed the share."""
     lengths = _CLASSIC_LENGTHS if bus.frames == "classic" else _FD_LENGTHS
     left = load
     while True:

@@ -74,7 +74,7 @@ def message_response_times(messages: Sequence[PeriodicMessage], bus: BusConfig) 
     """Return the response times of messages, highest priority first. Raises ValueError if the order is different."""
     for one, other in pairwise(messages):
         if one.priority >= other.priority:
-            raise ValueError(f"{one.name} before {other.name}: messages must have decreasing priorities")
+            raise ValueError(f"{one.name} is before {other.name}: messages must have decreasing priorities")
     timings = [
         MessageTiming(
             frame_ns=message.worst_ns(bus),

@@ -74,7 +74,7 @@ def write_measurement(
     values are not from frames. Only an `.mcap` file gets `events` and `facts` (`can_bridge.logs.mcap_file.write_mcap`).
     Raises StillwakeError as `check_measurement` does, and for times before 0 in an `.mcap` file."""
     check_measurement(path)
-    listed = sorted(messages, key=lambda one: one.timestamp)  # in a log of several buses a time may go back
+    listed = sorted(messages, key=lambda one: one.timestamp)  # the times in a log of several buses may go back
     groups, skipped = groups_of(listed)
     if not listed and not more:
         raise BusError(f"{path}: there is no frame to write")
@@ -128,7 +128,7 @@ def live_log(path: Path | None) -> Iterator[Callable[[Frame, bool], None]]:
     check_measurement(path)
     place = leads_to(path)
     place.parent.mkdir(parents=True, exist_ok=True)
-    # In a container a killed process and the next process often have the same process number.
+    # The file name ends in a number, because processes in a container often have the same process number.
     endings = chain(("",), (f".{number}" for number in count(1)))
     names = (place.with_name(f".{path.name}.{os.getpid()}{ending}.log") for ending in endings)
     stream = next(name for name in names if not name.exists())

@@ -48,7 +48,7 @@ class SignalValue(NamedTuple):
 
 
 class Decoded(NamedTuple):
-    """One of our messages with its signals in order; no signals for a wrong length or a value outside its table."""
+    """One of our messages with its signals; none if the length is wrong, or a value is outside its signal's table."""
 
     spec: MessageSpec
     signals: tuple[SignalValue, ...]

@@ -27,7 +27,7 @@ MOST_MESSAGES: Final = 1000
 RATE_OVER: Final = 20
 """Number of intervals between successive frames over which the rate is averaged."""
 SILENT_AFTER: Final = 5.0
-"""Time since the newest frame after which the rate counts as zero, as a multiple of the mean interval."""
+"""Time since the newest frame, in mean intervals between frames, after which the rate counts as zero."""
 
 CHECK_TEXT: Final = {
     FrameCheck.OK: "OK",

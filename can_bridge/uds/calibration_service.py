@@ -26,7 +26,7 @@ class CalibrationService:
     Args:
         kept: returns the values stored for the running release, or None.
         keep: stores values; None deletes the stored values. May raise MediumError, or OutOfOrderError while the slot is
-            written.
+            being written.
         refusal: returns the reason why nothing may be stored now, or None. Storing is refused while jets are enabled,
             because it could take longer than a control period. The values in force may always be changed.
     """

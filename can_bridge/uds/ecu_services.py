@@ -151,7 +151,7 @@ class EcuServices:
 
     def before_reset(self) -> None:
         """Check that control is not active: a reset, or an ECU that sends no messages, would interrupt control. The
-        check is needed because control may have begun after the session."""
+        check is needed because control may have begun since the session began."""
         if not self.is_updating:
             self._check_preconditions()
 

@@ -50,7 +50,7 @@ class Snapshot(IntEnum):
     MISSED = 0xFD22
     """Number of control periods without usable pressures since power-on, at most 65535, 2 bytes."""
     OVERRUNS = 0xFD23
-    """Number of control periods left out since power-on, at most 65535, 2 bytes."""
+    """Number of skipped control periods since power-on, at most 65535, 2 bytes."""
     PRESSURES_CP = 0xFD24
     """Pressure coefficients in the newest row of the previous period, as float32, 4 bytes each."""
 

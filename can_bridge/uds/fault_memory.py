@@ -81,7 +81,7 @@ class KeptFault:
         return KeptFault(status, age, snapshot)
 
     def packed(self) -> bytes:
-        """Return the fault as bytes of the record, without the status bits that each power-on changes."""
+        """Return the fault as bytes of the record. Status bits without effect after a power-on have a fixed value."""
         status = self.status & ~_S.TEST_FAILED
         if not status & (_S.PENDING | _S.CONFIRMED):
             status |= _S.NOT_COMPLETED_THIS_CYCLE
@@ -157,7 +157,7 @@ def encode(faults: Mapping[Reason, KeptFault]) -> bytes:
 
 
 def decode(record: bytes) -> dict[Reason, KeptFault]:
-    """Return the faults in a record; no faults for a record that is damaged or that no ECU writes."""
+    """Return the states of all codes in a record; states without a fault if it is damaged or no ECU writes it."""
     body, crc = record[len(_MAGIC) : -_CRC.size], record[-_CRC.size :]
     is_whole = record[: len(_MAGIC)] == _MAGIC and crc == _CRC.pack(zlib.crc32(record[: -_CRC.size]))
     if not is_whole or len(body) != _FAULT.size * len(CODES):

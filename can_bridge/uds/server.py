@@ -43,7 +43,7 @@ _SUB_FUNCTIONS: Final[Mapping[int, frozenset[int]]] = {
     Service.SESSION: frozenset(Session),
     Service.RESET: frozenset({_HARD_RESET}),
     Service.REPORT_FAULTS: frozenset(FaultReport),
-    # A level's number requests its seed; the next number sends the answer to the seed.
+    # The number of a level requests the level's seed; the next number sends the answer to the seed.
     Service.SECURITY: frozenset(level + is_answer for level in Level for is_answer in (0, 1)),
     Service.COMMUNICATION: frozenset({_ENABLE, _DISABLE_SENDING}),
     Service.ROUTINE: frozenset({_START}),
@@ -319,7 +319,7 @@ class UdsServer:
         self._check_unlocked(SERVICES[Service.EXIT])
         if self._transfer is None or self._transfer.missing:
             raise Refused(Nrc.SEQUENCE_ERROR)
-        # CHECK compares the bytes with the announced hash.
+        # The bytes are not checked here: the routine CHECK compares them with the announced hash.
         self._transfer.is_closed = True
         return b""
 

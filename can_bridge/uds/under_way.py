@@ -33,7 +33,7 @@ class Job:
         """Execute one part of the work; return the responses to send now."""
         sent = []
         if now_ns >= self._pending_ns:
-            # After a response-pending the tester waits for an answer, even to a request that suppressed it.
+            # After a response-pending the tester waits for an answer, even if the request suppresses answers.
             self._is_quiet, self._passed_over = False, ()
             self._pending_ns = now_ns + _NEXT_NS
             sent.append(negative(self.service, Nrc.RESPONSE_PENDING))

@@ -146,8 +146,8 @@ def _age_steps(message: str, age_ns: int) -> int:
 
 
 def pressure_steps(message: Pressure, resolution_pa: float, low: int, high: int) -> list[int]:
-    """Return the raw values of the pressures; raises ValueError as `signed` does, or unless each sensor has a pressure
-    and a validity."""
+    """Return the raw values of the pressures. Raises ValueError as `signed` does, or if a sensor lacks its pressure or
+    its validity."""
     for name, values in (("pressure_pa", message.pressure_pa), ("valid", message.valid)):
         if len(values) != SENSORS:
             raise ValueError(f"Pressure.{name} has {len(values)} values: must have {SENSORS}")
@@ -181,7 +181,7 @@ def vehicle_speed(density: int, speed: int, age_ns: int) -> VehicleSpeed:
 
 
 def signed(name: str, value: float, resolution: float, low: int, high: int) -> int:
-    """Return the raw value nearest to `value`; raises ValueError if it is not finite or not in `low` to `high`."""
+    """Return the raw value nearest to `value`. Raises ValueError if this is not finite, or not in `low` to `high`."""
     # The quotient of a very large value is infinite, and cannot be rounded to an integer.
     steps = value / resolution
     if math.isfinite(steps) and low <= round(steps) <= high:

@@ -6,7 +6,7 @@ from typing import Final
 from contract.config.diagnosis import MOST_EXTENDED, MOST_STANDARD, CanId
 
 MAX_FRAME_ID: Final = MOST_STANDARD
-"""The largest 11-bit identifier."""
+"""Largest 11-bit identifier."""
 MAX_EXTENDED_ID: Final = MOST_EXTENDED
 """Largest 29-bit identifier. No message of our DBC has such an identifier; diagnosis and other traffic may."""
 
@@ -41,7 +41,7 @@ class Frame:
         lengths = FD_LENGTHS if self.is_fd else CLASSIC_LENGTHS
         if len(self.data) not in lengths:
             kind = "CAN FD" if self.is_fd else "classic CAN"
-            raise ValueError(f"frame of {len(self.data)} bytes: {kind} carries {', '.join(map(str, lengths))}")
+            raise ValueError(f"frame of {len(self.data)} bytes: {kind} allows only {', '.join(map(str, lengths))}")
         if self.timestamp_ns < 0:
             raise ValueError(f"timestamp {self.timestamp_ns} ns: must not be negative")
 

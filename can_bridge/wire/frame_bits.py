@@ -175,7 +175,7 @@ def worst_case_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> i
 
 
 def _most_stuff_bits(bits: int) -> int:
-    """Return the largest number of stuff bits in `bits` bits: one after the first five, then one after every four."""
+    """Return the largest number of stuff bits for `bits` bits: one after the first five, then one after every four."""
     return (bits - 1) // 4
 
 

@@ -31,7 +31,7 @@ class MessageSpec:
     is_secured: bool = False
 
     def names(self, frame: Frame) -> bool:
-        """Return whether a frame has this message's 11-bit identifier; 29-bit identifiers belong to other nodes."""
+        """Return whether a frame has this message's 11-bit identifier. A frame with 29 bits belongs to another node."""
         return frame.frame_id == self.frame_id and not frame.is_extended
 
 

@@ -107,7 +107,7 @@ class EcuStatus(NamedTuple):
     """The health of the controller, and numbers of events since power-on.
 
     Attributes:
-        overruns, missed, crc_errors: numbers of control periods left out, of periods without usable pressures, and of
+        overruns, missed, crc_errors: numbers of skipped control periods, of periods without usable pressures, and of
             pressure frames with a wrong CRC or length; at most COUNT_LIMIT.
         bus_off: number of times that the CAN controller went bus-off, up to BUS_OFF_LIMIT.
         bundle_hash: first 32 bits of the bundle's hash, `contract.release.bundle.Bundle.short_hash`.

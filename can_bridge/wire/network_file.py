@@ -12,14 +12,14 @@ if TYPE_CHECKING:
 
 LONGEST_MESSAGE: Final = 65_536
 """Largest accepted length of a message, in bytes or, in some formats, in bits. The limit is needed because cantools
-allocates memory for every bit; the longest real message, of CAN XL, has 2048 bytes."""
+allocates memory for every bit. The longest real message has 2048 bytes (CAN XL)."""
 _LENGTH: Final = re.compile(rb'(?:^ *BO_ +\d+ +\w+ *: *|\blength="|^ *Len=|LENGTH>)(\d+)', re.MULTILINE)
 NEEDS_CANTOOLS = f"reading it needs cantools: {install('bus')}"
 
 
 def load_network(path: Path) -> "Database":
-    """Return the description of a bus from a file; the ending of the file's name states the format. Raises BusError, in
-    one line, if cantools or the file is missing, or the file is invalid."""
+    """Return the description of a bus from a file; the ending of the file's name states the format. Raises BusError,
+    with a message of one line, if cantools or the file is missing, or if the file is invalid."""
     try:
         from cantools.database import load_file
         from cantools.database.can.database import Database
@@ -33,7 +33,7 @@ def load_network(path: Path) -> "Database":
             if len(found[1]) > 9 or int(found[1]) > LONGEST_MESSAGE:
                 stated = shown(found[0].decode())
                 raise ValueError(f"{stated} is the length of a message: must be at most {LONGEST_MESSAGE}")
-        # The check is not strict, so that old files can be read; their authors have better tools to find mistakes.
+        # The check is not strict, so that old files with small mistakes can be read.
         database = load_file(path, strict=False)
     except OSError as error:
         raise BusError(f"{path}: {error.strerror or error}") from error

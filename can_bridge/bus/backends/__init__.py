@@ -1,1 +1,1 @@
-"""The additions to python-can's backends that keep invalid received data from stopping a backend."""
+"""The extensions of python-can's backends, with which invalid received data do not stop a backend."""

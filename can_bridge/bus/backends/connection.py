@@ -16,7 +16,7 @@ QUEUE_SIZE: Final = 1024
 """Largest number of frames in the receive queue of a virtual bus, and in the result of one call of `receive_all`."""
 
 SETTLE_S: Final = 2.0
-"""Time in s that a serial adapter gets to start: many adapters reset when their port is opened."""
+"""Time in s for a serial adapter to start after its port is opened, because many adapters then reset."""
 
 OWN_CONFIGURATION: Final = "python-can"
 """Value of `bus.interface` that lets python-can's own configuration (can.conf, environment) select the interface."""
@@ -116,7 +116,7 @@ class OpenBus(NeverCopied):
 
     def close(self) -> None:
         """Disconnect from the bus. A second call does nothing. An adapter that was removed causes no error."""
-        # An error when an unplugged adapter is closed would hide the first error, which ended the work.
+        # Closing an unplugged adapter may raise an error, which would hide the error that ended the work.
         with suppress(can.CanError, OSError):
             self._bus.shutdown()
 
@@ -146,7 +146,7 @@ class OpenBus(NeverCopied):
                 raise BusError(f"CAN bus failed: {one_line(error)}") from error
             self._unreadable_in_a_row += 1
             if self._unreadable_in_a_row > GARBAGE_LIMIT:
-                text = f"CAN bus failed: {GARBAGE_LIMIT} unreadable receptions in a row, last: {error}"
+                text = f"CAN bus failed: {GARBAGE_LIMIT} unreadable receptions in a row; the last error is: {error}"
                 raise BusError(text) from error
             return Rejection.GARBAGE
         self._unreadable_in_a_row = 0

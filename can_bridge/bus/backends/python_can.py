@@ -158,8 +158,8 @@ class PythonCanBus(OpenBus):
         return in_kernel + self._overflow_reports
 
     def health(self) -> BusHealth:
-        """Return the CAN controller's health as far as known: from SocketCAN's error frames, and from the value ERROR
-        (bus-off) of python-can's `state`, whose other values are not used because they differ between drivers."""
+        """Return the CAN controller's health as far as SocketCAN's error frames and python-can's `state` show it. Only
+        the value ERROR (bus-off) of `state` is used, because its other values differ between drivers."""
         try:
             is_off = self._bus.state is can.BusState.ERROR
         except (can.CanError, OSError, NotImplementedError):
@@ -174,7 +174,7 @@ class PythonCanBus(OpenBus):
         """Send one frame. Raises BusError if the bus failed, if it does not accept the frame in time, or for a CAN FD
         frame on a classic bus."""
         if frame.is_fd and self._is_classic:
-            raise BusError(f"frame {frame.frame_id:#05x} was not sent: it is CAN FD, and bus.frames = classic")
+            raise BusError(f"frame {frame.frame_id:#05x} was not sent: it is CAN FD, but bus.frames = classic")
         self._send(to_message(frame), f"{frame.frame_id:#05x}", timeout_s)
         self._keep(frame, False)
 

@@ -29,7 +29,7 @@ _BEL: Final = 0x07
 _CR: Final = b"\r"
 
 LINE_LIMIT: Final = 256
-"""Largest number of bytes without a line end; more count as one unreadable line. A valid line has at most 143 bytes."""
+"""Largest number of bytes of a line; a longer line counts as unreadable. A valid line has at most 143 bytes."""
 _CHUNK: Final = 4096
 
 OPENING_TIMEOUT_S: Final = 2.0

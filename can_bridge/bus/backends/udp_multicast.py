@@ -24,10 +24,10 @@ from can_bridge.bus.interface import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS
 
 RECEIVE_QUEUE: Final = 1 << 22
-"""Size in bytes of the requested receive buffer, for about 5,000 datagrams; the kernel's default size holds 256."""
+"""Requested size in bytes of the receive buffer. Linux allocates twice this size, enough for 10,000 datagrams."""
 
 _ECHOES: Final = 4096
-"""Largest number of sent datagrams that are stored until their echoes come; the kernel's queue holds fewer."""
+"""Largest number of sent datagrams that are stored until this node receives them again."""
 
 _SO_RCVBUFFORCE: Final = 33
 _IP_MULTICAST_ALL: Final = 49
@@ -74,7 +74,7 @@ def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | 
 
 
 class UdpMulticastBus(PythonCanUdpMulticastBus):
-    """A node in this machine's multicast group. It raises `UnusableReceptionError` for unusable or own datagrams."""
+    """A node in this machine's multicast group. It raises `UnusableReceptionError` for unusable and own datagrams."""
 
     def __init__(self, channel: str = PythonCanUdpMulticastBus.DEFAULT_GROUP_IPv6, **options: Any) -> None:
         """Join the group at an IPv4 or IPv6 multicast address, with options of python-can's backend. This bus always
@@ -126,7 +126,7 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
         return message, False
 
     def _is_echo(self, datagram: bytes) -> bool:
-        """Return whether this node sent the datagram; each sent datagram is expected back only once."""
+        """Return whether this node sent the datagram. Each sent datagram is recognised only once."""
         with self._lock:
             try:
                 self._echoes.remove(datagram)

@@ -66,7 +66,7 @@ class BusFault(Span, ABC, section="fault"):
 
     @abstractmethod
     def acting(self, port: "Injector") -> tuple[Send, Receive]:
-        """Return functions with which this port sends and receives. They count the fault's effects in `port.acted`."""
+        """Return this port's functions to send and to receive. They count the fault's effects in `port.acted`."""
 
 
 class Injector(WrappedBus):
@@ -118,7 +118,7 @@ class SidedFault(FrameFault, section="sided_fault"):
 
     @abstractmethod
     def change(self, random: Random) -> Change:
-        """Return a function that replaces a frame by a list of frames. It takes all random numbers from `random`."""
+        """Return a function that replaces a frame by a list of frames, with all random numbers from `random`."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
         """Replace the frames of one direction in the span. `acted` counts the frames changed, lost or copied."""

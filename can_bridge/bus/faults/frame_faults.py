@@ -1,7 +1,7 @@
 """The faults of single frames: lost, duplicated, late, out of order, with changed data, or with wrong bits on the bus.
 
 CAN's own CRC does not detect data that were changed before they reached the sender's CAN controller, or after they left
-the receiver's. It detects wrong bits on the bus: the sender then repeats the frame, and the error counters rise.
+the receiver's controller. The CRC detects wrong bits on the bus; the sender then repeats the frame.
 """
 
 import heapq
@@ -90,7 +90,7 @@ class Delay(FrameFault, section="delay"):
     Otherwise the stamp stays unchanged, as if the frame waited in a queue of the receiver after it was stamped."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        waiting: list[tuple[int, int, Frame]] = []  # due time, serial number
+        waiting: list[tuple[int, int, Frame]] = []  # due time in ns, serial number, frame
         serial, last_due_ns = count(), 0
 
         def receive() -> list[Frame]:
@@ -101,7 +101,7 @@ class Delay(FrameFault, section="delay"):
                 if self.concerns(frame):
                     if self.is_active(arrived_ns):
                         due_ns += round((self.delay_s + port.random.random() * self.jitter_s) * NS)
-                    # In a queue no frame overtakes another frame, not even a frame that arrives after the fault's end.
+                    # No frame overtakes another frame in the queue, even if it arrives after the fault's span.
                     due_ns = last_due_ns = max(due_ns, last_due_ns)
                 port.acted += due_ns > arrived_ns
                 stamp_ns = frame.timestamp_ns + (due_ns - arrived_ns if self.restamp else 0)
@@ -208,12 +208,12 @@ def _spec_of(frame: Frame) -> MessageSpec | None:
     if spec is None or not spec.names(frame) or len(frame.data) != spec.length:
         return None
     if spec.is_secured:
-        raise BusError(f"{spec.name} is authenticated: to change it before it is protected, a fault would need the key")
+        raise BusError(f"{spec.name} is authenticated: a fault needs the key to change its data before protection")
     return spec
 
 
 def payload_bits(spec: MessageSpec) -> range:
-    """Return the positions of the message's bits after the header. Bit j of byte i has position 8 i + j."""
+    """Return the positions of the message's bits after the header. Bit j of byte i has position 8 * i + j."""
     return range(profile_of(spec).header_bits, 8 * spec.protected)
 
 
@@ -233,8 +233,8 @@ class WireErrors(Span, section="wire_errors"):
 
     bit_error_rate: Probability[float]
     nodes: tuple[str, ...] = ()
-    """Names of ports; empty for all. As a bus's `corrupts`, the fault changes frames that these ports send, for all
-    nodes; as `mishears`, it changes frames that these ports receive, for these ports alone."""
+    """Names of ports; empty for all. If a bus uses the fault as `corrupts`, all nodes see wrong bits in frames of these
+    ports. If a bus uses it as `mishears`, only these ports see wrong bits in the frames that they receive."""
     frame_ids: tuple[int, ...] = ()
     """See `FrameFault.frame_ids`."""
 

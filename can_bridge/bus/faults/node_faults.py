@@ -10,13 +10,13 @@ from contract.config.rules import AtLeastOne, Finite, NonNegative, Positive, Rul
 from contract.errors import BusError
 
 MOST_BABBLED: Final = 1000
-"""Largest number of additional frames in one call; the transmit queue of a simulated port holds fewer."""
+"""Largest number of additional frames that one call sends; a simulated port's transmit queue holds fewer."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Disconnect(BusFault, section="disconnect"):
     """A node that sends and receives nothing. `acted` counts the frames lost in both directions. Frames that arrived
-    before a "device_gone" span, but were not read before it, are delivered after it."""
+    before a "device_gone" span and were not read by then are delivered after the span."""
 
     kind: Literal["open_wire", "device_gone"] = "open_wire"
     """Kind of the fault. "open_wire": the bus is silent, and the node sees no error when it sends. "device_gone": every
@@ -81,7 +81,7 @@ class SlowConsumer(BusFault, section="slow_consumer"):
 class ClockDrift(BusFault, section="clock_drift"):
     """A clock that runs fast or slow, or has a constant offset. When the span ends, the clock jumps to the true time.
 
-    On a bus, the fault replaces the time stamps of received frames with this clock's times. To simulate a node whose
+    The fault replaces the time stamps of received frames with this clock's times. To simulate a node whose
     own clock drifts, also convert the node's time with `local_ns`. Otherwise only the stamps drift, as with an adapter
     that has a clock of its own. `acted` counts the frames with a changed stamp.
     """

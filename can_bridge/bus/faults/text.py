@@ -6,7 +6,7 @@
     disconnect
 
 The name of a fault is the `section` of its class, and its parameters are the fields of the class. If a parameter has
-the same name as its fault, the name of the fault may be left out: reynolds=700.
+the same name as its fault, only the parameter is written: `reynolds=700` (a disturbance of the flow).
 """
 
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ S = TypeVar("S", bound=Span)
 _OF_FRAMES: Final = (Drop, BurstLoss, Duplicate, Delay, Reorder, FlipBits, StuckAt)
 _OF_NODES: Final = (Babble, Disconnect, SlowConsumer, ClockDrift)
 BUS_FAULTS: Final[dict[str, type[BusFault]]] = {kind.section: kind for kind in (*_OF_FRAMES, *_OF_NODES)}
-"""The classes of all faults of a port, by the names that are used in texts."""
+"""The classes of all faults of a port, by the names with which a text begins."""
 
 _SPAN: Final = ("start_s", "end_s")
 

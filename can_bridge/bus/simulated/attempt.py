@@ -41,7 +41,7 @@ class AttemptVerdict(Enum):
     HEARD = auto()
     TRANSMIT_ERROR = auto()
     UNACKNOWLEDGED = auto()
-    """No node acknowledged the frame, and no dominant bit was seen during the passive error flag."""
+    """No node acknowledged the frame, and an error-passive sender saw no dominant bit during its error flag."""
     ARBITRATION_STUFF = auto()
     """A stuff bit of the sender was overwritten during arbitration. No node counts this error."""
     RECEIVE_ERROR = auto()
@@ -65,7 +65,7 @@ def counted(health: BusHealth, verdict: AttemptVerdict) -> BusHealth:
         case AttemptVerdict.TRANSMIT_ERROR:  # rule 3; ARBITRATION_STUFF is its second exception
             tx_errors += ERROR_STEP
         case AttemptVerdict.UNACKNOWLEDGED if health.state is not BusState.ERROR_PASSIVE:
-            # This is the first exception of rule 3. Because of it, a node alone on the bus never goes bus-off.
+            # The condition is the first exception of rule 3, with which a node alone on the bus never goes bus-off.
             tx_errors += ERROR_STEP
         case AttemptVerdict.RECEIVE_ERROR:  # rule 1
             rx_errors = min(rx_errors + 1, _RECEIVE_LIMIT)
@@ -106,7 +106,7 @@ def resolve(
 
     Args:
         receivers: all nodes that neither send nor are bus-off.
-        misheard: position of the inverted bit, for each receiver that alone sees this bit inverted.
+        misheard: position of the inverted bit, by receiver. Only this receiver sees this bit inverted.
         disturbed: position of the bit that all nodes see inverted. Positions are counted from the start of frame; a
             position after the end of frame means the last bit.
     """

@@ -74,7 +74,7 @@ class SimulatedBus:
         observe: called with a `Transmission` for each frame sent over the bus.
         corrupts: returns the bit that is wrong for all nodes; called once for each attempt, with the sender's name. A
             position after the frame means the frame's last bit. Receivers do not check this bit, so they accept the
-            frame, and accept its repetition too.
+            frame, and also accept it when it is repeated.
         mishears: returns the bit that only one receiver sees wrong; called once for each attempt and each receiver,
             with the receiver's name.
     """

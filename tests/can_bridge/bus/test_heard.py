@@ -27,18 +27,18 @@ def line_for(messages: MessageSet, ids: dict[int, int], **rejected: int) -> str:
 @each(
     "messages, ids, rejected, expected",
     [
-        (FD, {}, {}, "no frame is received; no ECU on this bus, or another bus.channel"),
+        (FD, {}, {}, "no frame arrives: there is no ECU on this bus, or bus.channel is wrong"),
         # Its own frames, which some interfaces hear again, are nothing.
-        (FD, {0x120: 16}, {"OWN": 50}, "no frame is received"),
+        (FD, {0x120: 16}, {"OWN": 50}, "no frame arrives"),
         (FD, {0x131: 8, 0x141: 8}, {}, "the other node uses the messages for classic CAN: --set bus.frames=classic"),
         (CLASSIC, {0x130: 8}, {}, "the other node uses the messages for CAN FD: --set bus.frames=fd"),
         (FD, {0x132: 24, 0x142: 48}, {}, "for CAN FD, authenticated: it has a key, --set bus.key=FILE"),
         (SECURED, {0x130: 8}, {}, "the other node uses the messages for CAN FD: --set bus.frames=fd"),
-        (FD, {0x130: 12}, {}, "it has 12 bytes, must have 8, so the ECU has another DBC"),
-        (FD, {0x130: 8}, {}, "50 arrived, but their MAC, counter or CRC are wrong: another DBC, or two nodes"),
-        (SECURED, {0x132: 24}, {}, "50 arrived, but their MAC, counter or CRC are wrong: another bus.key or DBC"),
+        (FD, {0x130: 12}, {}, "its frames have 12 bytes, not 8, so the ECU has another DBC"),
+        (FD, {0x130: 8}, {}, "50 frames arrived, but their MAC, counter or CRC is wrong: another DBC, or two nodes"),
+        (SECURED, {0x132: 24}, {}, "50 frames arrived, but their MAC, counter or CRC is wrong: another bus.key or DBC"),
         (CLASSIC, {}, {"WRONG_FORMAT": 100}, "do not use bus.frames = classic: --set bus.frames=fd"),
-        (FD, {0x200: 8, 0x201: 8}, {}, "no ECU; only other nodes are heard, 0x200, 0x201"),
+        (FD, {0x200: 8, 0x201: 8}, {}, "there is no ECU; only other nodes send: 0x200, 0x201"),
         (FD, dict.fromkeys(range(0x300, 0x309), 8), {}, "0x300, 0x301, 0x302, 0x303 and 5 more"),
         (FD, {}, {"GARBAGE": 7, "EXTENDED": 3}, "frames cannot be used: 7 unreadable, 3 29-bit identifier"),
     ],
@@ -59,9 +59,9 @@ def test_a_silence_is_reported_once_with_what_is_new_in_it() -> None:
     opening = "no usable Pressure (0x120) in 1 s: "
     assert lines == [
         f"{opening}the other nodes do not use bus.frames = fd: --set bus.frames=classic",
-        "usable Pressure frames come",
-        f"{opening}no frame is received; no vehicle on this bus, or another bus.channel",
-        "usable Pressure frames come",
+        "usable Pressure frames arrive",
+        f"{opening}no frame arrives: there is no vehicle on this bus, or bus.channel is wrong",
+        "usable Pressure frames arrive",
     ]
 
 
@@ -84,4 +84,4 @@ def test_frames_that_come_while_the_line_is_made_are_no_error() -> None:
 
     lines: list[str] = []
     Silence(FD.pressure.spec, FD, "vehicle", lines.append).look(0, Growing({(0x200, 8): 1}), {})
-    assert [text.endswith("only other nodes are heard, 0x200") for text in lines] == [True]
+    assert [text.endswith("only other nodes send: 0x200") for text in lines] == [True]

@@ -80,7 +80,7 @@ def test_half_of_a_value_waits_for_the_rest_or_is_dropped():
         segment = begun()
         drop(segment)
         assert segment.read(Page.WORKING, 0, 44) == REFERENCE.pack()
-        with pytest.raises(ConfigError, match=f"write from byte {end}: must begin with a value"):
+        with pytest.raises(ConfigError, match=f"write from byte {end} must begin at a multiple"):
             segment.write(end, second)
 
 

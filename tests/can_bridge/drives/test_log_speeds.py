@@ -127,13 +127,13 @@ def test_rows_without_a_speed_are_gaps_and_jumps_are_not_believed() -> None:
     assert read(with_speeds(one, waits)).speed == (0.0, 25.0, 25.0)
     with refused(DatasetError, r"state 0 m/s: the vehicle stands"):
         read(with_speeds(one, [0.0] * 120))
-    with refused(DatasetError, r"control period of 0\.2 W / U_inf; but flow.control_period is 2 "):
+    with refused(DatasetError, r"control period of 0\.2 W / U_inf, but flow.control_period is 2 "):
         series_of(LOG, with_speeds(one, [25.0] * 120), replace(SCALES, period=2.0), fill=2, split=False)
     # A logger that stamps several periods with one time.
     coarse = with_speeds(one, [25.0] * 120)
     for message in coarse:
         message.timestamp -= message.timestamp % 0.1
-    with refused(DatasetError, r"most pressures are no later than the pressure before"):
+    with refused(DatasetError, r"most pressures are not later than the one before"):
         read(coarse)
 
 

@@ -104,7 +104,7 @@ def test_bad_arguments_are_refused_by_name_and_short_data_fails_its_check():
             with refused(ValueError, culprit):
                 case.ours.protect(data, data_id=data_id, counter=counter)
         assert not any(case.ours.check(bytes(length), data_id=1) for length in range(case.header))
-    with refused(ValueError, "Pressure of 8 bytes: must have 16"):
+    with refused(ValueError, "Pressure has 8 bytes: must have 16"):
         E2eSender(PRESSURE).frame(bytes(8), now_ns=0)
 
 

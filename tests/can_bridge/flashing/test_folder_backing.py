@@ -40,7 +40,7 @@ def test_what_the_system_refuses_is_one_line(tmp_path):
         pass
     with pytest.raises(MediumError, match="has room for only 10 bytes"):
         backing.append(Slot.A, bytes(11))
-    with pytest.raises(MediumError, match="0 bytes are there, must be 5 or more"):
+    with pytest.raises(MediumError, match="has 0 bytes: must have 5 or more"):
         backing.begin_again(Slot.A, 5)
     # A FIFO has to be refused, not waited for.
     for name in ("state.record", "slot_b.image"):

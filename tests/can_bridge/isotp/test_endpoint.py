@@ -126,7 +126,7 @@ def test_queues_are_bounded():
     assert endpoint.take() == [b"\x00", b"\x01"]
     assert len(endpoint.poll(0)) == 2
     for length in (0, 4096):
-        with pytest.raises(ValueError, match=f"message of {length} bytes: must have 1..4095"):
+        with pytest.raises(ValueError, match=f"message has {length} bytes: must have 1..4095"):
             Endpoint(CLASSIC).send(bytes(length))
 
 

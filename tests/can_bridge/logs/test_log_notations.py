@@ -127,7 +127,7 @@ def test_trigger_blocks_lie_on_one_clock(tmp_path):
         for one in moved[4:]:
             one.timestamp += shift_s
         check(written(tmp_path / "a.asc", lines), moved, day, lines=len(lines))
-    with refused(BusError, "its time goes back .* with a trigger block, but the date"):
+    with refused(BusError, "its time goes back .* at a trigger block, but the block's date"):
         list(written(tmp_path / "a.asc", [*first, "End TriggerBlock", second[0].replace("Nov", "nov."), *second[1:]]))
 
 

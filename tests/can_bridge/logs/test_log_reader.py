@@ -73,12 +73,12 @@ def test_damage_is_named_in_one_line(tmp_path):
     unreadable = "cannot be read as a CAN log"
     for suffix, damage, words in [
         (".blf", lambda content: b"PK" + content[2:], unreadable),
-        (".asc", lambda content: content[: content.rindex(b"00")], "bytes announced|no End TriggerBlock"),
-        (".asc", lambda content: content.replace(b" d 8 00", b" d 8 0", 1), "line 6: 8 bytes announced, 7 present"),
+        (".asc", lambda content: content[: content.rindex(b"00")], "bytes are announced|no End TriggerBlock"),
+        (".asc", lambda content: content.replace(b" d 8 00", b" d 8 0", 1), "8 bytes are announced, but 7 are present"),
         (".asc", lambda content: content.replace(b" Rx ", b" ", 1), "line 6: .* has neither Rx nor Tx"),
         (".asc", lambda content: content.replace(b"1.003", b"1,003", 1).replace(b"0.003000 1", b"0,003 1"), "line 9: "),
         (".log", lambda content: b"\xff\xfe\x00", unreadable),
-        (".log", lambda content: content.replace(b"1.003000", b"nan"), "frame 4: time nan s, must be within"),
+        (".log", lambda content: content.replace(b"1.003000", b"nan"), "frame 4 is at nan s: must be within"),
         (".log", lambda content: content.replace(b" 00000003#", b" FFFFFFFFFF#"), "line 4: identifier FFFFFFFFFF,"),
         (".log", lambda content: content.replace(b"#0000", b"#zz00", 1), "line 1: 'zz0000.*' is not the data of a"),
         (".log", lambda content: b"nonsense\n" + content, "line 1: 'nonsense' is not a line of candump"),
@@ -87,9 +87,9 @@ def test_damage_is_named_in_one_line(tmp_path):
             lambda content: content.replace(b",8,AAAAAAAAAAA=", b",10,AAAAAAAAAAAAAA==", 1),
             "line 2: 10 bytes are not",
         ),
-        (".trc", lambda content: content.replace(b" DT ", b" XY ", 1), "line 19: type 'XY' is no type of this format"),
-        (".trc", lambda content: content.replace(b",I,", b",X,", 1), r"columns 'N,O,T,B,X,.*, must have O \(time\), I"),
-        (".trc", lambda content: content.replace(b"=2.1", b"=3.0", 1), "line 1: version '3.0', must be 1.0, 1.1"),
+        (".trc", lambda content: content.replace(b" DT ", b" XY ", 1), "line 19: 'XY' is not a frame type"),
+        (".trc", lambda content: content.replace(b",I,", b",X,", 1), r"columns 'N,O,T,B,X,.* must have O \(time\), I"),
+        (".trc", lambda content: content.replace(b"=2.1", b"=3.0", 1), "line 1: version '3.0' must be 1.0, 1.1"),
     ]:
         path = one_log(tmp_path / f"a{suffix}")
         path.write_bytes(damage(path.read_bytes()))
@@ -121,7 +121,7 @@ def test_other_files_are_refused_by_name(tmp_path):
         ("a.txt", r"a\.txt: a log must end in \.log, \.asc, \.blf, \.trc, \.mf4, \.mcap, \.csv, \.db, or"),
         ("a", r"`python -m can\.logconvert` converts other formats"),
         ("a.db.gz", "unpack it first"),
-        ("a.csv", "cannot be read as a CAN log .its head is none|line 1: 'name,x,y': must be timestamp,arbitration_id"),
+        ("a.csv", "cannot be read as a CAN log .its head is none|line 1: 'name,x,y' must be timestamp,arbitration_id"),
         ("missing.blf", "there is no such file"),
         ("folder.log", "is a directory"),
     ):

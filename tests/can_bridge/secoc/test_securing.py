@@ -79,10 +79,10 @@ def test_what_is_secured_verifies_with_its_freshness_and_without_a_flipped_bit()
 
 
 def test_only_the_protected_part_of_a_secured_message_is_secured():
-    with pytest.raises(ValueError, match="JetCommand: has no room"):
+    with pytest.raises(ValueError, match="JetCommand has no room"):
         secure(Frame(frame_id=JET_COMMAND.frame_id, data=bytes(8)), JET_COMMAND, KEY, Freshness())
     for length in (item for item in FD_LENGTHS if item != PRESSURE_SECURED.protected):
-        with pytest.raises(ValueError, match=f"PressureSecured of {length} bytes: must have 16"):
+        with pytest.raises(ValueError, match=f"PressureSecured has {length} bytes: must have 16"):
             secure(Frame(frame_id=PRESSURE_SECURED.frame_id, data=bytes(length)), PRESSURE_SECURED, KEY, Freshness())
 
 

@@ -112,7 +112,7 @@ def test_lengths_are_padded_and_what_cannot_be_sent_is_left_out(dbc):
     unswitched = ATTRIBUTES.replace('"CANFD_BRS" "1"', '"CANFD_BRS" "0"')
     for messages, attributes, reason in [
         (MESSAGES + own, ATTRIBUTES + 'BA_ "GenMsgCycleTime" BO_ 288 20;\n', "Pressure (stillwake's own)"),
-        (MESSAGES.replace("Wheels: 6", "Wheels: 9"), ATTRIBUTES, "Wheels (9 bytes: more than a frame)"),
+        (MESSAGES.replace("Wheels: 6", "Wheels: 9"), ATTRIBUTES, "Wheels (9 bytes are more than a frame)"),
         (MESSAGES, unswitched, "Long (CAN FD without bit-rate switching)"),
     ]:
         traffic = read_traffic(dbc(messages, attributes), BusConfig(), seed=0)
@@ -127,7 +127,7 @@ def test_what_cannot_go_on_this_bus_is_refused(dbc):
         )
 
     for used in [0x120, 0x121]:
-        with refused(BusError, f"Wheels has identifier {used:#x}, which another node sends"):
+        with refused(BusError, f"Wheels has identifier {used:#x}, which belongs to stillwake"):
             read_traffic(renumbered("Wheels", 256, used), BusConfig(), seed=0)
     with refused(BusError, "have the same identifier, 0x100"):
         read_traffic(renumbered("Long", 64, 256), BusConfig(), seed=0)

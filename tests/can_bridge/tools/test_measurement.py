@@ -89,7 +89,7 @@ def test_the_frames_of_an_mcap_are_read_as_they_were_given(tmp_path):
         with refused(BusError, r"a\.mcap: cannot be read as a CAN log \("):
             list(CanLog(path))
     write_measurement(path, [can.Message(timestamp=1.0, arbitration_id=1, is_fd=True, data=bytes(9))])
-    with refused(BusError, r"a\.mcap: .* \(9 bytes are not a length of CAN FD"):
+    with refused(BusError, r"a\.mcap: .* \(no CAN FD frame has 9 bytes"):
         list(CanLog(path))
     write_measurement(path, [], more=[run])
     with refused(BusError, r"a\.mcap: has no CAN frames, only 3 other messages"):
@@ -127,7 +127,7 @@ def test_what_cannot_be_written_is_one_line_and_leaves_what_was_there(tmp_path, 
         assert (tmp_path / name).read_text() == "before"
         with refused(BusError, "there is no frame to write"):
             write_measurement(tmp_path / name, [])
-    with refused(BusError, r"a\.mcap: MCAP has no times before 0, and the first is -1 s"):
+    with refused(BusError, r"a\.mcap: MCAP has no times before 0, but the first time is -1 s"):
         write_measurement(tmp_path / "a.mcap", early)
     many = [can.Message(timestamp=1.0, arbitration_id=1, channel=f"vcan{k}") for k in range(256)]
     with refused(BusError, "can number 255 channels, but the frames have 256"):

@@ -105,7 +105,7 @@ def test_classic_bus_takes_and_sends_classic_frames_of_accepted_ids_alone():
     bus = PythonCanBus(ScriptedBus(script), is_classic=True, accept=(0x121, 0x7E0))
     assert bus.receive_all() == [classic]
     assert rejections(bus) == {Rejection.WRONG_FORMAT: 1, Rejection.OTHER_ID: 1}
-    with pytest.raises(BusError, match=r"0x7e0 was not sent: it is CAN FD, and bus\.frames = classic"):
+    with pytest.raises(BusError, match=r"0x7e0 was not sent: it is CAN FD, but bus\.frames = classic"):
         bus.send(fd)
     with pytest.raises(BusError, match="0x121 was not sent: CanTimeoutError"):
         bus.send(classic)
@@ -150,7 +150,7 @@ def test_garbage_up_to_a_limit_in_a_row_and_any_flood_of_what_our_backends_refus
         bus.receive_all()
         bus.receive_all()
         assert rejections(bus) == {Rejection.GARBAGE: 2 * GARBAGE_LIMIT}, calm
-    with pytest.raises(BusError, match="unreadable receptions in a row, last: noise"):
+    with pytest.raises(BusError, match="unreadable receptions in a row; the last error is: noise"):
         PythonCanBus(ScriptedBus([*garbage, ValueError("noise")])).receive_all()
     # A flood on the wire is no fault of the backend; yet one collection ends.
     bus = PythonCanBus(ScriptedBus([*[UnusableReceptionError(Rejection.GARBAGE)] * RECEPTION_LIMIT, SOUND]))

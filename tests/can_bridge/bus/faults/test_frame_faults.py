@@ -177,7 +177,7 @@ def test_ahead_of_the_protection_others_pass_and_what_would_need_the_key_is_refu
         assert [number_of(frame) for frame in link.other.receive_all()] == [1, 2, 3], fault
         assert faulty.injectors[0].acted == 0, fault
         frame = Frame(frame_id=PRESSURE_SECURED.frame_id, data=bytes(PRESSURE_SECURED.length))
-        with refused(BusError, r"PressureSecured is authenticated: .* would need the key"):
+        with refused(BusError, r"PressureSecured is authenticated: .* needs the key"):
             faulty.send(frame)
 
 
