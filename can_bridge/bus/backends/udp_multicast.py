@@ -26,7 +26,7 @@ from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS
 RECEIVE_QUEUE: Final = 1 << 22
 """Requested size in bytes of the receive buffer. Linux allocates twice this size, enough for 10,000 datagrams."""
 
-_ECHOES: Final = 4096
+_ECHOES: Final = 16384
 """Largest number of sent datagrams that are stored until this node receives them again."""
 
 _SO_RCVBUFFORCE: Final = 33

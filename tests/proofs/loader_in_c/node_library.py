@@ -22,7 +22,7 @@ QUICK: Final = ("-O0", *GEOMETRY)
 _FUZZ: Final = "node_fuzz.c"
 """A program of its own, and no part of the library."""
 _STUBS: Final = ("node_host.c", "node_host.h", _FUZZ, "sw_image.h")
-_OTHERS: Final = ("twin.c", "twin.h", "sw_image.c", "sw_own_ecu.c", "sw_own_layout.c")
+_OTHERS: Final = ("twin.c", "twin.h", "sw_image.c", "sw_own_ecu.c")
 _DECLARED: Final = re.compile(r"^[\w ]+ \*?host_\w+\([^)]*\);", re.MULTILINE)
 BUSY, WANTS_RESET, NEEDS_RESET, SESSION, UNLOCKED, REASON, RUNNING, WORST_WRITES, WAITS, DRIVES_JETS, WRITES = range(11)
 """What `Host.fact` can be asked."""
