@@ -39,7 +39,7 @@ def test_layouts_differ_by_name_place_and_base():
 
 def test_layout_that_contradicts_itself_is_refused():
     wrong: list[tuple[Any, Any, Any, str]] = [
-        ((), np.zeros((0, 2)), (), "at least one"),
+        ((), np.zeros((0, 2)), (), "must have 1 to 1000"),
         (("a", "a"), np.zeros((2, 2)), (), "'a': two sensors have this name"),
         (("a", "b\x1b[2J"), np.zeros((2, 2)), (), "printable"),
         (("a", "b"), np.zeros((3, 2)), (), r"\(3, 2\): must be \(2, 2\)"),

@@ -28,7 +28,7 @@ SPEEDS_BEYOND: Final = 0.2
 MOST_WRONG: Final = 0.12
 """Largest error of a told speed, as a share of the true speed."""
 DESIGN_SPEED_EVERY: Final = 8
-"""In every n-th run (n is this value), true and told speed are the design speed, at which a release is judged first."""
+"""Step of the run numbers with the design speed as true and told speed; a release is judged at this speed first."""
 RIGHT_SHARE: Final = 0.3
 """Probability that the told speed is right in each of the other runs."""
 OFFSET: Final = 0.02

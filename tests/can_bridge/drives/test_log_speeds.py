@@ -49,10 +49,10 @@ def test_the_speed_in_the_log_makes_the_coefficients_and_contradictions_are_name
                 replace(SCALES, period=0.2),
                 r"20 ms apart, .* 20 m/s .*0\.16 W .*flow.control_period is 0\.2 .*25 m/s.*flow.control_period=0\.16",
             ),
-            (replace(scales, given=frozenset({"operating_point.speed"})), r"speed = 25 m/s, but its .* say 20 m/s"),
+            (replace(scales, given=frozenset({"operating_point.speed"})), r"speed = 25 m/s, but its .* state 20 m/s"),
             (
                 replace(scales, given=frozenset({"operating_point.density"})),
-                r"density = 1\.2 kg/m3, but its .* say 1\.1 kg",
+                r"density = 1\.2 kg/m3, but its .* state 1\.1 kg",
             ),
         ):
             with refused(DatasetError, text):

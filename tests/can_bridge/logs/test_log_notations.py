@@ -156,7 +156,7 @@ def test_candump_is_read_from_a_file_and_from_a_screen(tmp_path):
     for these, times, text in (
         (sent, "d", "14 of 16 frames are not later than the previous frame: .*candump -t d"),
         (unequal, "d", "goes back from .*candump -t d.*; record with `candump -L`"),
-        (sent, "", "line 1: has no time: record"),
+        (sent, "", "line 1: it has no time: record"),
     ):
         with refused(BusError, text):
             list(written(tmp_path / "a.log", list(candump(these, times))))

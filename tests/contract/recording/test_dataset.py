@@ -176,7 +176,7 @@ def test_spoilt_file_is_refused_by_name(written):
         assert str(caught.value).startswith(f"{written}: ")
     for size in (0, 100, len(sound) - 1):
         written.write_bytes(sound[:size])
-        with pytest.raises(DatasetError, match=r"data\.h5: damaged"):
+        with pytest.raises(DatasetError, match=r"data\.h5: is damaged"):
             dataset.read(written)
     written.unlink()
     for path in (written, written.parent):

@@ -210,5 +210,5 @@ def test_rows_pair_pressures_with_the_action_before_them():
         np.testing.assert_array_equal(earlier[1:], later[:-1])
     # An episode that is too short is refused.
     for count in (0, 5):
-        with pytest.raises(ExportError, match="episode chirp: 6 steps"):
+        with pytest.raises(ExportError, match="episode chirp has 6 steps"):
             recorded_windows(PROGRAM, episode(6), count)

@@ -347,7 +347,7 @@ def test_what_two_images_differ_in_is_named(tmp_path, cli, refused, monkeypatch)
     other.write_bytes(image_of(first=float("nan"), key=KEY))
     assert "image: release.fast holds nan: must be in -1" in refused("bundle", "inspect", other)
     other.write_bytes(image_of()[:-1])
-    assert "bytes states" in refused("bundle", "inspect", other)
+    assert "but states a length of" in refused("bundle", "inspect", other)
     assert "No such file" in refused("bundle", "inspect", tmp_path / "none.swi")
     for line in (b"SW_X \xff", b"SW_ALIGNMENT", b"SW_ALIGNMENT 0", b'SW_WEIGHTS_LAYOUT "mean float9 2 0"'):
         payload = (image := read(one.read_bytes())).payload + line  # ends in a layout that no export wrote
