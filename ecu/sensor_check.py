@@ -41,8 +41,8 @@ ALIKE: Final = 0.1
 standard deviations of healthy sensors' residuals: 0.0045 in Cp. The difference of healthy sensors exceeds 0.011."""
 
 COPIED: Final = 2.0
-"""Another sensor may be a copy of a sensor only if the sensor's readings over a window range over at least this number
-of standard deviations of healthy sensors' residuals: 0.09 in Cp. Under control with the shipped release most ranges are
+"""Smallest range (maximum minus minimum) of a sensor's readings in a window for which another sensor may be its copy,
+in standard deviations of healthy sensors' residuals: 0.09 in Cp. Under control with the shipped release most ranges are
 larger; the smallest is 0.075. In a calm wake, in which mirrored sensors agree, ranges are below 0.07."""
 
 DRIFT_ALLOWED: Final = 4.0

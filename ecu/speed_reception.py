@@ -138,7 +138,7 @@ class SpeedState:
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedReception:
-    """The reception of speed frames at a release's operating point `design`; `speeds` are ratios to `design.speed`."""
+    """A receiver of speed frames. `design` is the operating point; `speeds` is the range relative to `design.speed`."""
 
     message: Message[VehicleSpeed]
     key: Key | None

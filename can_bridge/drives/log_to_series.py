@@ -105,9 +105,9 @@ def series_of(
     )
     speeds = vehicle_speeds(log.speeds, log.messages, scales.believed)
     if (interval_s := usual_interval(log.pressures, modulus)) is None:
-        raise DatasetError(f"{path}: no two of its pressures are consecutive: frames between them are missing")
+        raise DatasetError(f"{path}: no two pressure frames are consecutive: frames between them are missing")
     if interval_s <= 0.0:
-        raise DatasetError(f"{path}: most pressures are not later than the one before; the times are too coarse")
+        raise DatasetError(f"{path}: most pressure frames are not later than the one before; the times are too coarse")
     if speeds is None:
         nominal_s, point = scales.period_s, scales.point
         _check_period(path, interval_s, scales)

@@ -121,9 +121,9 @@ class _Clock:
         return self._sum_s if is_relative else time_s
 
     def place(self, time_s: float, *, is_relative: bool) -> None:
-        """Record a frame's time. If a block's first frame seems to be earlier than a previous frame, times restart in
-        this block: `offset_s` is then set to the time from the first block's date to this block's date. Raises
-        ValueError if a date is unreadable, or if the frame is too early even with this offset."""
+        """Record a frame's time. If a block's first frame is earlier than a previous frame, the times restart in this
+        block, and `offset_s` becomes the time from the first block's date to this block's date. In this case, raises
+        ValueError if a date is unreadable, or if the frame is earlier even with this offset."""
         if self._is_new and not is_relative and time_s + self.offset_s < self._latest:
             since = _between(self._first_date or "", self._date)
             if since is None or time_s + since < self._latest:

@@ -113,7 +113,7 @@ class Described(NamedTuple):
     """A service with one sub-function or identifier.
 
     Attributes:
-        constants: numbers that follow the service's number in the request and in the answer. A number has 8 bits, or
+        constants: numbers that follow the service identifier in the request and the answer. A number has 8 bits, or
             16 bits if it is 256 or more.
         request, answer: parameters of the request and of the answer that follow the constants.
         at: permission; None for the permission of the whole service.

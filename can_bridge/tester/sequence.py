@@ -98,10 +98,10 @@ def flash(
     Args:
         client: client with an open connection; this function changes its settings.
         image: image of the release, as built by `contract.release.container`.
-        key: returns the key for a seed of the programming level; None is enough for a dry run.
+        key: function that returns the key for a seed of the programming level; may be None for a dry run.
         dry_run: whether to stop before anything is written.
         confirm: whether to confirm the release; otherwise it stays on trial.
-        judge: raises FlashError if an ECU with these properties must not be flashed with this image.
+        judge: function of the ECU's properties that raises FlashError if this ECU must not get this image.
     """
     began = clock()
     asking = Asking(client, key=key, clock=clock, sleep=sleep)

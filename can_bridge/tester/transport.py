@@ -174,5 +174,5 @@ class BusConnection(BaseConnection):
                 time.sleep(0.001)
 
     def _note(self, error: Exception) -> None:
-        # Other errors, such as a repeated flow control frame, do not end the transmission.
+        # Only the errors in `_ENDS_SENDING` end the transmission; a repeated flow control frame does not.
         self._failed |= isinstance(error, _ENDS_SENDING)

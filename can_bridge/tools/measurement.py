@@ -48,8 +48,8 @@ _PAUSE_S: Final = 0.05
 
 
 def check_measurement(path: Path) -> None:
-    """Check whether a measurement can be written; called before the frames are read. Raises BusError for an unknown
-    ending or without asammdf; ModuleNotFoundError without another package; StillwakeError for an unwritable path."""
+    """Check whether a measurement can be written to `path`. Raises BusError if the suffix is unknown, or asammdf is not
+    installed; ModuleNotFoundError if a package for `.mcap` is missing; StillwakeError if `path` is not writable."""
     if path.suffix.lower() not in MEASUREMENTS:
         raise BusError(f"{path}: a measurement must end in {' or '.join(MEASUREMENTS)}")
     if path.suffix.lower() == ".mf4":

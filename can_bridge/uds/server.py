@@ -50,7 +50,7 @@ _SUB_FUNCTIONS: Final[Mapping[int, frozenset[int]]] = {
     Service.TESTER_PRESENT: frozenset({0}),
     Service.FAULT_SETTING: frozenset({_FAULTS_ON, _FAULTS_OFF}),
 }
-"""Sub-functions of the services whose first byte is a sub-function, without the bit that suppresses the answer."""
+"""Sub-functions of the services whose first byte is a sub-function, without the suppress-positive-response bit."""
 _DIDS: Final[frozenset[int]] = frozenset(Did)
 
 
@@ -168,7 +168,7 @@ class UdsServer:
         self.session, self._heard_ns = session, now_ns
 
     def _answer(self, payload: bytes) -> Long[bytes]:
-        """Return the positive answer's bytes after the first byte."""
+        """Return the positive response's bytes after the first byte."""
         service, body = payload[0], payload[1:]
         permission = SERVICES.get(service)
         if permission is None:

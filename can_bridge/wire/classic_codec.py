@@ -47,7 +47,7 @@ def emit_pressure(message: Pressure) -> bytes:
 
 
 def parse_pressure(data: bytes) -> Pressure | None:
-    """Return the message in 8 bytes. The pressure of a sensor that is not valid is 0."""
+    """Decode a Pressure from 8 bytes; return None for another length. The pressure of an invalid sensor is 0."""
     if len(data) != _LENGTH:
         return None
     number = int.from_bytes(data, "little")
@@ -69,7 +69,7 @@ def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
 
 
 def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
-    """Return the message in 8 bytes, or None for another length."""
+    """Decode a VehicleSpeed from 8 bytes; return None for another length."""
     if len(data) != _LENGTH:
         return None
     return vehicle_speed(data[3], int.from_bytes(data[4:6], "little"), data[6] * CLASSIC_AGE_RESOLUTION_NS)
@@ -85,7 +85,7 @@ def emit_jet_command(message: JetCommand) -> bytes:
 
 
 def parse_jet_command(data: bytes) -> JetCommand | None:
-    """Return the message in 8 bytes, or None for another length or a mode outside the DBC's table."""
+    """Decode a JetCommand from 8 bytes; return None for another length or a mode outside the DBC's table."""
     if len(data) != _LENGTH:
         return None
     number = int.from_bytes(data, "little")
@@ -113,7 +113,8 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
 
 
 def parse_ecu_status(data: bytes) -> EcuStatus | None:
-    """Return the message in 8 bytes. The lower half of the bundle's hash is 0, because this half is not sent."""
+    """Decode an EcuStatus from 8 bytes; return None for another length, or an unknown state or reason. The lower half
+    of the bundle's hash is 0, because this half is not sent."""
     if len(data) != _LENGTH:
         return None
     number = int.from_bytes(data, "little")

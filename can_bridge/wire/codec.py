@@ -66,7 +66,7 @@ def emit_pressure(message: Pressure) -> bytes:
 
 
 def parse_pressure(data: bytes) -> Pressure | None:
-    """Return the message in 16 bytes."""
+    """Decode a Pressure from 16 bytes; return None for another length."""
     if len(data) != 16:
         return None
     flags, p0, p1, p2, p3, age = _PRESSURE.unpack(data)
@@ -85,7 +85,7 @@ def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
 
 
 def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
-    """Return the message in 8 bytes."""
+    """Decode a VehicleSpeed from 8 bytes; return None for another length."""
     if len(data) != 8:
         return None
     density, speed, age = _VEHICLE_SPEED.unpack(data)
@@ -101,7 +101,7 @@ def emit_jet_command(message: JetCommand) -> bytes:
 
 
 def parse_jet_command(data: bytes) -> JetCommand | None:
-    """Return the message in 8 bytes."""
+    """Decode a JetCommand from 8 bytes; return None for another length or an unknown mode."""
     if len(data) != 8:
         return None
     flags, flow, counter = _JET_COMMAND.unpack(data)
@@ -126,7 +126,7 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
 
 
 def parse_ecu_status(data: bytes) -> EcuStatus | None:
-    """Return the message in 24 bytes."""
+    """Decode an EcuStatus from 24 bytes; return None for another length, or an unknown state or reason."""
     if len(data) != 24:
         return None
     raw_state, raw_reason, bus_off, overruns, missed, crc_errors, *rest, aside = _ECU_STATUS.unpack(data)

@@ -155,7 +155,7 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     solver with respect to the prior's weights."""
 
     memory: Annotated[int, at_least(2), STEPS] = 64
-    """Number of past rows that the prior reads. A row has a period's action and differences of mirrored sensors."""
+    """Number of past rows that the prior reads. A row has an action and pressure differences of mirrored sensors."""
     units: AtLeastOne[int] = 24
     """Width of the prior's hidden layer."""
     updates: AtLeastOne[int] = 450

@@ -218,7 +218,7 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     allows one period of waiting for the step, and half a period of transmission. A delay of 20 or 40 ms doubles the
     side force."""
     loss_window: Annotated[AtLeastOne[int], PERIODS, ours("a second", page=_GATE)] = 50
-    """Number of latest periods under control among which `ecu.loss_limit` counts losses."""
+    """Number of latest periods with a request in which periods without usable pressures are counted."""
     loss_limit: Annotated[int, PERIODS, ours("four sigma above a random loss of 25 %", page=_GATE)] = 25
     """The jets go to zero and the fault latches if this number of the latest `ecu.loss_window` periods had no usable
     pressures. A controller that gets at most every second sample does not control the flow."""
@@ -226,7 +226,7 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     """The ECU switches itself off if this number of the latest `ecu.deadline_window` steps were mistimed: the
     accumulated lateness or earliness reached half a period. A number above `ecu.deadline_window` disables the check."""
     deadline_window: Annotated[AtLeastOne[int], STEPS] = 10
-    """Number of latest steps among which `ecu.deadline_misses` counts mistimed steps."""
+    """Number of latest steps in which mistimed steps are counted."""
     plan_ahead: Annotated[bool, ours("drag falls more", page="reference/results.md#what-limits-the-reduction")] = True
     """Whether the ECU plans for the next control period. If so, the jets begin to move at the start of that period, and
     computing may take the whole present period. If not, the jets move as soon as the command arrives."""
@@ -237,7 +237,7 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     late by less than this time are still used in their own period. The plan is for the next period, so waiting costs
     nothing if the step is finished before the present period ends."""
     delay_steps: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0
-    """Actuator delay that the controller compensates (paper, appendix B)."""
+    """Actuator delay that the controller compensates."""
     sensor_check: SensorCheckConfig = field(default_factory=SensorCheckConfig)
     benefit_check: BenefitCheckConfig = field(default_factory=BenefitCheckConfig)
     speed: SpeedConfig = field(default_factory=SpeedConfig)
@@ -264,7 +264,7 @@ class VehicleConfig(Settings, source=ours("the same as in the ECU", page=_GATE))
     """Largest change of the action per period that the jets' driver permits, except for shutting the jets. The default
     equals the default of `ecu.command_step`; the vehicle enforces its limit independently."""
     loss_window: Annotated[AtLeastOne[int], PERIODS] = 50
-    """Number of latest periods under control among which `vehicle.loss_limit` counts losses; the default is 1 s."""
+    """Number of latest periods under control in which periods without a usable command are counted."""
     loss_limit: Annotated[int, PERIODS] = 25
     """The vehicle shuts its jets and withdraws its enable request if this number of the latest `vehicle.loss_window`
     periods had no usable command. Requests resume only after a period in which the vehicle wants no control. The limit

@@ -36,9 +36,9 @@ class Goal(NamedTuple):
     """A position in the range of goals. Each part of the position is between 0 and 1.
 
     Attributes:
-        effort: square root of the weight on effort divided by `DEAREST_EFFORT`.
-        lift: square root of the weight on lift divided by `DEAREST_LIFT`.
-        limit: 0 at the release's own limit of the jets, 1 at `NARROWEST` times that limit and below.
+        effort: sqrt(w / `DEAREST_EFFORT`) for a weight w of effort relative to a weight of 1 on drag; at most 1.
+        lift: sqrt(w / `DEAREST_LIFT`) for a weight w of lift relative to a weight of 1 on drag; at most 1.
+        limit: 0 if the jets have the release's limit, 1 if they have at most `NARROWEST` times the release's limit.
     """
 
     effort: float = 0.0

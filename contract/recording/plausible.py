@@ -72,7 +72,8 @@ _CELLS: Final = 256
 """Number of cells into which one standard deviation of a column is divided. Values in one cell count as equal; values
 within 16 cells count as similar."""
 _ALIKE: Final = (10, 0.25)
-"""Smallest number of equal rows in the same order, or share in any order, for which two files are reported."""
+"""Two files are reported if at least this number of rows, and half of the rows from the first of them to the last, are
+equal in the same order, or if more than this share of the shorter file's rows are equal in any order."""
 
 _Note = tuple[str, str]
 """A note: the observation in an episode, and its cause with the remedy."""

@@ -26,7 +26,7 @@ static sw_gated shut(uint8_t why)
     return gated;
 }
 
-/* Returns the largest change from the previous command. It is proportional to the time passed, up to a period. */
+/* Returns the largest permitted change of the command: proportional to the time passed, at most one period. */
 static double largest_change(double step_m2_per_s, int has_previous, int64_t previous_ns, int64_t now_ns)
 {
     double share = 1.0;

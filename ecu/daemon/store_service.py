@@ -83,7 +83,7 @@ class DiagnosisThread:
 
 
 SWITCH_INTERVAL_S: Final = 0.0005
-"""Longest time in s for which another thread can delay the control loop when it wakes; Python's default is 5 ms."""
+"""Longest time in s for which another thread can delay the waking of the control loop; Python's default is 5 ms."""
 NO_RELEASE: Final = "none"
 
 _Fields = str | int | float

@@ -58,8 +58,8 @@ LIMIT_SLACK: Final = 1e-5
 
 
 def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
-    """Run controller and estimator on windows of zeros and of a shedding wake, in parts. Raises ControllerError if they
-    fail, if a plan or a force is not finite, or if a plan has a wrong shape or exceeds the action limit."""
+    """Run controller and estimator, in parts, on a window of zeros and a shedding wake's window. Raises ControllerError
+    if a run fails, a plan or a force is not finite, or a plan has a wrong shape or exceeds the action limit."""
     sizes = bundle.manifest.sizes
     weights = np.array(bundle.manifest.mpc.weights.as_tuple())
     estimator = OnnxEstimator.of(bundle)

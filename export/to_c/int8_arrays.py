@@ -57,8 +57,7 @@ ELU_ARGUMENT_ONE: Final = 1 << 18
 """The integer for an argument of 1 in the table of ELU."""
 
 ELU_ARGUMENT_MAX: Final = 4000.0
-"""Largest argument of an ELU whose integer, in units of 1 / `ELU_ARGUMENT_ONE`, fits in an int32 with one bit in
-reserve."""
+"""Largest argument of an ELU. This argument times `ELU_ARGUMENT_ONE` fits in an int32 with one bit in reserve."""
 
 SLOPE_SHIFT: Final = 4
 """Number of bits by which the integers of ELU slopes are shifted right, so that they can be stored as bytes on the
@@ -84,7 +83,7 @@ LOGISTIC_QMAX: Final = 32767
 LOGISTIC_RANGE: Final = 16
 
 GATE_MAX: Final = 6e4
-"""Largest argument of a gate. The integer of twice this argument, in units of 1 / `LOGISTIC_ONE`, fits in an int32."""
+"""Largest argument of a gate. Twice this argument times `LOGISTIC_ONE` fits in an int32."""
 
 
 def c_constants() -> dict[str, int | np.float32]:

@@ -72,7 +72,8 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
 
 @dataclass(frozen=True, kw_only=True)
 class Rollout:
-    """A forward pass: latents (H, n_z) at t+1 .. t+H, inputs of the norms and outputs of the ELUs, (H, 1, width)."""
+    """The names of a forward pass's tensors in the graph. `latents`: latents at t+1 .. t+H, (H, n_z); `before`: inputs
+    of the two norms, (H, 1, width) each; `after`: outputs of the two ELUs, (H, 1, width) each."""
 
     latents: str
     before: tuple[str, str]
@@ -80,8 +81,7 @@ class Rollout:
 
 
 class DynamicsGraph:
-    """The dynamics f_dyn in a graph. Its matrices are prepared once and used by any number of roll-outs and
-    adjoints."""
+    """The dynamics f_dyn in a graph. Its matrices are prepared once, and are used by all roll-outs and adjoints."""
 
     def __init__(self, graph: Graph, program: ControllerProgram, store: PutMatrix) -> None:
         weights = program.dynamics

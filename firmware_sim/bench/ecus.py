@@ -18,8 +18,8 @@ CLOCKS_MHZ: Final = (1.0, 10_000.0)
 
 
 def check_ecu(kind: str, clock_mhz: float) -> None:
-    """Check that an ECU of this kind can be created. For the kind C, raises LibraryError without a compiler. For
-    MCU, raises ConfigError for a clock outside `CLOCKS_MHZ`, ModuleNotFoundError without the emulator (extra mcu)."""
+    """Check that an ECU of this kind can be created. For C, raises LibraryError if there is no compiler. For
+    MCU, raises ConfigError for a clock outside `CLOCKS_MHZ`, ModuleNotFoundError if the extra mcu is not installed."""
     if kind == C:
         host_compiler()
         return

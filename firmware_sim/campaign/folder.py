@@ -82,9 +82,9 @@ class RunService:
 
     Attributes:
         requested: number of periods with a request for control after the controller's window was filled.
-        in_control: number of the requested periods in which the controller planned.
+        in_control: number of these periods in which the controller planned.
         latches: number of times that the ECU latched a fault.
-        reasons: number of requested periods in which the controller did not plan, by the name of the ECU's Reason.
+        reasons: number of periods with a request in which the controller did not plan, by the name of the ECU's Reason.
         frames_sent, frames_lost, frames_rejected: counts of pressure frames and commands.
     """
 

@@ -91,7 +91,7 @@ class ScenarioRow:
 
     @property
     def reasons(self) -> dict[str, int]:
-        """Number of requested periods in which the controller did not plan, by the ECU's Reason, largest first."""
+        """Numbers of periods with a request in which the controller did not plan, by Reason, in decreasing order."""
         count: Counter[str] = Counter()
         for service in self._services:
             count.update(service.reasons)

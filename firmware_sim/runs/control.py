@@ -37,7 +37,7 @@ class RunControl:
         modes: number of these periods in each mode of the ECU, by the name of the mode or SKIPPED.
         warm_up: number of periods from the request on in which the controller's window was still filling.
         fault: first latched fault; None if there was none.
-        shut: share of the requested time in which the jets were shut, 0 to 1.
+        shut: share of these periods in which the jets were shut, 0 to 1.
     """
 
     requested: int
@@ -53,7 +53,7 @@ class RunControl:
 
     @property
     def held(self) -> bool:
-        """Whether no fault latched and the controller planned in every requested period after the warm-up."""
+        """Whether no fault latched, and the controller planned in all periods with a request after the warm-up."""
         return self.fault is None and self.in_control > 0 and self.in_control + self.warm_up == self.requested
 
 

@@ -122,7 +122,7 @@ def _check_forced(steps: Mapping[str, int], options: Mapping[str, object], *, pa
         if kind in steps:
             raise StillwakeError(f"{kind}={steps[kind]}: give {option} as well")
     if paper and steps:
-        raise StillwakeError(f"{next(iter(steps))}=: does not go with --paper, which has its own lengths")
+        raise StillwakeError(f"{next(iter(steps))}=STEPS does not go with --paper, which has its own lengths")
     _refuse_given(options, ("amplitudes",), "give --from-steady FILE as well")
     _refuse_given(options, ("exploration",), "needs a controller: give --under BUNDLE as well")
     _refuse_given(options, ("episodes", "role"), "give --under BUNDLE or --from-steady FILE as well")
@@ -139,7 +139,7 @@ def _check_round(
         raise StillwakeError(f"--overwrite does not go with {option}, which adds a round and replaces nothing")
     for kind in steps:
         if kind != own:
-            raise StillwakeError(f"{kind}=: does not go with {option}: give {own}=STEPS and --episodes instead")
+            raise StillwakeError(f"{kind}=STEPS does not go with {option}: give {own}=STEPS and --episodes instead")
     if steady is None:
         _refuse_given(options, ("amplitudes",), "give --from-steady FILE as well")
         return

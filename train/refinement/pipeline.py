@@ -210,7 +210,7 @@ def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:
     """Check that the sensors are pairs of mirror images, one pair after the other. Raises ConfigError if a name does
     not exist or is named twice; DatasetError if the two sensors of a pair are not mirror images of each other."""
     if layout.mirror is None:
-        raise DatasetError("the sensors have no mirror images: a prior reads the differences between mirror images")
+        raise DatasetError("the sensors have no mirror images: a prior needs pairs of a sensor and its mirror image")
     columns = layout.indices(sensors)
     if len(sensors) < 2 or len(sensors) % 2:
         raise DatasetError(f"the {len(sensors)} sensors must be pairs of mirror images")

@@ -124,7 +124,7 @@ def ridge_student(encoder: Encoder, rows: Rows, seed: int, sensor_noise: float =
 
 
 RANDOM_DRAWS: Final = 64
-"""Number of random choices that "random" compares."""
+"""Number of random sets of sensors that the selection method `random` compares."""
 
 
 def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:

@@ -145,8 +145,8 @@ class WakePicture:
 
 
 def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Figure:
-    """Draw a mean flow (`wake.pictures.fields.mean_flow`) downstream of the body: u in colour, streamlines, the edge of
-    the backward flow, and the length of the recirculation bubble. The title states the mean's `duration` in t_c."""
+    """Draw a mean flow (`wake.pictures.fields.mean_flow`) downstream of the body: u in colour, streamlines, the line
+    u = 0, and the length of the recirculation bubble. The title states the mean's `duration` in t_c."""
     left, right, low, high = _NEAR_WAKE
     # Rounding makes the limits of the truck's view exactly 6.8 and 12.
     view = (round(body.length + left, 9), round(body.length + right, 9), low, high)
@@ -166,8 +166,7 @@ def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Fi
 def draw_mean(
     axes: Axes, grid: Grid, body: BodyConfig, mean: Flow, view: View, *, density: tuple[float, float]
 ) -> AxesImage:
-    """Draw the area `view` of a mean flow: u in colour, streamlines with the given density, the edge of the backward
-    flow, and the body."""
+    """Draw the area `view` of a mean flow: u in colour, streamlines of the given density, the line u = 0, the body."""
     raster = Raster.of(grid.xc, grid.yc, view, 900)
     u, v = (raster(component) for component in velocity(mean))
     x, y = np.meshgrid(raster.x, raster.y)

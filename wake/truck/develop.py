@@ -186,7 +186,7 @@ def check_steady(wake: TruckWake, state: State) -> None:
 
 def recirculation_length(grid: Grid, flow: Flow) -> float:
     """Return the recirculation bubble's length in a steady or mean flow, in W: from the base to the last point on the
-    axis y = 0 where u turns positive; zero if no flow is backward. A bubble cannot end behind the outlet."""
+    axis y = 0 where u turns positive, or to the outlet if the flow there is reversed; 0 without reversed flow."""
     # The axis is a row of faces, so u is stored half a cell below and above the axis.
     above = grid.shape[1] // 2
     speed = flow.faces_u[grid.rear :, above - 1 : above + 1].mean(axis=1)

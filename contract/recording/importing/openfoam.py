@@ -126,7 +126,7 @@ def _probes_of(pressures: FoamTable, layout: SensorLayout) -> Index:
         lines = [found for word, _, found in numbers if word in (["x"], ["y"])]
         places = np.array(lines).T.tolist() if len({len(line) for line in lines}) == 1 else []
     if len(places) != count:
-        raise DatasetError(f"{path}: its header has the positions of {len(places)} probes, but its rows have {count}")
+        raise DatasetError(f"{path}: its header has positions of {len(places)} probes; its rows have {count} pressures")
     at, wanted = np.array(places, dtype=np.float64), layout.positions
     near = _AT * max(float(np.ptp(wanted, axis=0).max()), 1e-6)
     close = np.hypot(*(at[None] - wanted[:, None]).transpose(2, 0, 1)) <= near

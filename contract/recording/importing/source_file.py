@@ -70,7 +70,7 @@ def references_of(texts: Sequence[str]) -> dict[str, Reference]:
         name, _, value = (part.strip() for part in text.partition("="))
         parts = _REFERENCE.fullmatch(value)
         if not name or parts is None or not 0.0 < abs(float(parts[1])) < float("inf"):
-            raise ConfigError(f"{option}: write NAME=NUMBER and its unit, such as Cd=40N or t=5ms; 0 is not allowed")
+            raise ConfigError(f"{option}: write NAME=NUMBER and a unit, such as Cd=40N or t=5ms; NUMBER must not be 0")
         if name in found:
             raise ConfigError(f"{option}: {name} already has the reference {found[name]}")
         found[name] = Reference(number=float(parts[1]), unit=parts[2] or None, option=option)
@@ -119,7 +119,7 @@ def _base(unit: str | None) -> tuple[str, float]:
 
 
 def _plain(unit: str) -> str:
-    """Return the unit without the date that CF's units of time contain, and with m3 in place of m^3."""
+    """Return the unit without a reference date (netCDF: "s since 2026-01-01"), and without ^ and **: m3 for m^3."""
     unit = unit.split(" since ")[0].strip()
     return unit if unit in _KNOWN else unit.replace("^", "").replace("**", "")
 

@@ -82,7 +82,7 @@ static void packed(const sw_faults *faults, uint8_t record[RECORD_BYTES])
     for (uint32_t i = 0; i < SW_FAULT_COUNT; i++) {
         const sw_fault *fault = &faults->faults[i];
         uint8_t *at = &record[MAGIC + i * FAULT_BYTES];
-        /* The next power-on overwrites the bits changed in the next two lines; their present values are not needed. */
+        /* Bits that the next power-on overwrites get a fixed value, so that their changes alone cause no write. */
         uint32_t status = fault->status & ~TEST_FAILED;
         if ((status & (PENDING | CONFIRMED)) == 0u) status |= NOT_COMPLETED_THIS_CYCLE;
         at[0] = (uint8_t)status;

@@ -92,7 +92,7 @@ static void came_to(sw_uds *uds, uint8_t number, uint8_t code, const sw_answer *
     } else if (!uds->is_quiet) {
         sw_isotp_send(uds->isotp, answer->length);
     } else {
-        /* The tester has suppressed the positive answer. */
+        /* The tester has suppressed the positive response. */
     }
     uds->heard_ns = uds->now_ns;
 }
@@ -106,7 +106,7 @@ static uint8_t put_off(sw_uds *uds, const uint8_t *request, uint32_t length)
     return SW_UDS_MORE;
 }
 
-/* Clears the bit that suppresses the answer, then executes the request, or stores it with this bit cleared. */
+/* Clears the suppress-positive-response bit, then executes the request, or stores it with this bit cleared. */
 static uint8_t began(sw_uds *uds, uint8_t *request, uint32_t length, sw_answer *answer)
 {
     const sw_service *service = service_of(uds, request[0]);
@@ -160,7 +160,7 @@ void sw_uds_tick(sw_uds *uds, int64_t now_ns)
     if (uds->under_way == NULL) return;
     const uint8_t number = uds->under_way->number;
     if (uds->now_ns >= uds->pending_ns) {
-        /* After response-pending the tester waits for the answer, even if the request suppressed a positive answer. */
+        /* After response-pending the tester waits for an answer, even if the request suppressed a positive response. */
         uds->is_quiet = 0;
         uds->is_functional = 0;
         uds->pending_ns = uds->now_ns + NEXT_PENDING_NS;

@@ -25,9 +25,9 @@ typedef struct sw_services sw_services;
 #define SW_IN_EXTENDED (1u << SW_SESSION_EXTENDED)
 #define SW_IN_ALL (SW_IN_DEFAULT | SW_IN_PROGRAMMING | SW_IN_EXTENDED)
 
-/* A service. `body` has the request's bytes after the service's number, without the bit that suppresses the answer;
- * `answer` begins with the number of the positive answer. `handle` and `go_on` return SW_UDS_DONE, SW_UDS_MORE or the
- * refusal's SW_NRC_ code.
+/* A service; `number` is the service identifier (SID). `body` has the request's bytes after the SID, with the
+ * suppress-positive-response bit cleared. `answer` begins with the SID of the positive response. `handle` and `go_on`
+ * return SW_UDS_DONE, SW_UDS_MORE, or a negative response code SW_NRC_.
  */
 typedef struct {
     uint8_t number;
@@ -55,7 +55,7 @@ typedef struct {
     uint8_t reset_is_due;
     uint8_t wants_reset; /* whether the ECU must be reset */
     uint8_t is_silent; /* a tester has stopped JetCommand and EcuStatus, which are still sent while a jet can run */
-    uint8_t is_quiet;  /* the tester has suppressed the positive answer */
+    uint8_t is_quiet;  /* the tester has suppressed the positive response */
     uint8_t is_functional; /* the request goes to every ECU: refusals such as "not supported" are not sent */
     uint16_t waiting;      /* length in bytes of a request that waits for the end of an erasure; 0 if none waits */
     sw_access access;

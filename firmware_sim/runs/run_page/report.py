@@ -153,7 +153,7 @@ _FIGURES: Final = (
     ("mean Cl, controlled", "mean_Cl_controlled", ".4f"),
     ("rms action / U_inf W", "rms_action", ".4f"),
     ("mean jet power / (rho U_inf^3 W / 2)", "jet_power_controlled", ".4f"),
-    ("periods requested", "periods_requested", "d"),
+    ("periods with a request", "periods_requested", "d"),
     ("periods in control", "periods_in_control", "d"),
     ("control step p50 / ms", "mpc_ms_p50", ".2f"),
     ("control step p99 / ms", "mpc_ms_p99", ".2f"),

@@ -21,7 +21,7 @@ _SENSOR: Final = re.compile(r"^(\w+):(?:.*,)?sensor(s?)=([^,]+)")
 
 
 class Disturbed(NamedTuple):
-    """A disturbance that acts from period `first` until just before period `after`; `what` is its text without time."""
+    """A disturbance in the periods `first` .. `after` - 1. `what` is its `--disturb` text before the "@"."""
 
     what: str
     first: int

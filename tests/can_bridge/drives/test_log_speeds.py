@@ -133,7 +133,7 @@ def test_rows_without_a_speed_are_gaps_and_jumps_are_not_believed() -> None:
     coarse = with_speeds(one, [25.0] * 120)
     for message in coarse:
         message.timestamp -= message.timestamp % 0.1
-    with refused(DatasetError, r"most pressures are not later than the one before"):
+    with refused(DatasetError, r"most pressure frames are not later than the one before"):
         read(coarse)
 
 

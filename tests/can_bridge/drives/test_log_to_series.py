@@ -270,7 +270,7 @@ def test_what_makes_no_series_is_refused_in_one_line() -> None:
         (in_time([*sound, *log_of(classic)]), "holds Pressure .* and PressureClassic"),
         (back, "times go back from 1000.488000 to 999.500000 s"),
         (far, "no pressures for about"),
-        ([message for i, message in enumerate(sound) if i % 4], "no two of its pressures are consecutive"),
+        ([message for i, message in enumerate(sound) if i % 4], "no two pressure frames are consecutive"),
         (
             [pressure(one, k, k * PERIOD, valid=(True, True, True, False)) for k in range(40)] + sound[1:2],
             "16 control periods in a row with valid pressures.*; sensors that are never valid: 3",

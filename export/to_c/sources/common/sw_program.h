@@ -1,4 +1,4 @@
-/* The addresses of a trained program's parameters, which are compiled in, or in a flash image that is read in place.
+/* The addresses of a trained controller's parameters, compiled in, or in a flash image that is read in place.
  *
  * The parameters are structures without pointers, laid out as in sw_weights.h, so they may be at any address that is
  * aligned to SW_ALIGNMENT bytes. `hot` may be in faster memory than the other structures, because every step of a

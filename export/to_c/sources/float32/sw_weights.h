@@ -1,4 +1,4 @@
-/* The parameters of a trained program. The generated sw_weights.c defines the parameters that are compiled in. The
+/* The parameters of a trained controller. The generated sw_weights.c defines the parameters that are compiled in. The
  * comment at a matrix states its rows and columns: (inputs, outputs) or (outputs, inputs). Matrices before a norm are
  * centred (sw_norm.h).
  */

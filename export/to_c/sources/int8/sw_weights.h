@@ -1,5 +1,5 @@
-/* The parameters of a trained program. The generated sw_weights.c defines the parameters that are compiled in. Matrices
- * are int8 with one scale for each output, W[o][i] ~ scale[o] * q[o][i]. sw_dots.h states their layout. SW_AHEAD zeros
+/* The parameters of a trained controller. The generated sw_weights.c defines the compiled-in parameters. Matrices are
+ * int8 with one scale for each output, W[o][i] ~ scale[o] * q[o][i]. sw_dots.h states their layout. SW_AHEAD zeros
  * follow each matrix, because weights are loaded ahead of their use. The adjoint has a transposed copy of each matrix.
  *
  * An activation is a scale times an int16. The scales of the forward pass are constants from a calibration. The scale
