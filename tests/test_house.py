@@ -23,7 +23,7 @@ MOST_LINES = {
     "examples": 2_026,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""
-MOST_WORDS = 63_977
+MOST_WORDS = 63_980
 """Of the documents, as wc counts them, with what is made in them."""
 STAND_TWICE = {
     "an option, by its word, beside the class or type of what it gives": """Board Bundle Bus Drive Freshness Key
