@@ -95,7 +95,7 @@ class EcuServices:
             return
         if value == self._taken_keys:
             return
-        # Verifying a signature takes some milliseconds on a microcontroller, so the conditions for programming must be met.
+        # On a microcontroller a signature's verification takes milliseconds, so the conditions for programming must be met.
         self._check_preconditions()
         with as_refusals():
             self._store.take_keys(value)

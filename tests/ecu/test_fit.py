@@ -58,7 +58,7 @@ def test_positions_in_the_bundle_count_where_there_are_some(bundle_of):
     places = tuple((5.0, float(SHORTER.positions[SHORTER.names.index(name), 1])) for name in names)
     built_for_it = bundle_of(sensors=names, sensor_positions=places)
     check_sensors(built_for_it, SHORTER)
-    with pytest.raises(BundleError, match=r"sensor base_0 is at \(5 W, 0\.\d+ W\), but on this plant it is at \(7\.647 W, "):
+    with pytest.raises(BundleError, match=r"sensor base_0 is at \(5 W, 0\.\d+ W\), but on this plant .* \(7\.647 W, "):
         check_sensors(built_for_it, TRUCK)
 
 

@@ -107,7 +107,7 @@ def test_a_picture_names_its_bundle_and_one_of_another_kind_is_refused(folder, t
 def test_names_are_as_long_as_it_takes_and_one_run_alone_is_not_compared():
     for paths, names in (("/x/a /x/b", "a b"), ("/x/new/run /x/old/run /x/old/other", "new/run old/run old/other")):
         assert names_of([Path(path) for path in paths.split()]) == names.split()
-    with pytest.raises(StillwakeError, match="1 runs cannot be compared .* between 2 and 6"):
+    with pytest.raises(StillwakeError, match="1 runs cannot be compared on a page"):
         names_of([Path("a")])
 
 
