@@ -95,7 +95,7 @@ class EcuServices:
             return
         if value == self._taken_keys:
             return
-        # On a microcontroller a signature's verification takes milliseconds, so the conditions for programming must be met.
+        # A microcontroller verifies a signature in milliseconds, so the conditions for programming must be met.
         self._check_preconditions()
         with as_refusals():
             self._store.take_keys(value)
