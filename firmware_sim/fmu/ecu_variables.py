@@ -66,7 +66,7 @@ set_aside.*    | status.SetAside        | Boolean     |        |    | Whether th
 
 
 class Variable(NamedTuple):
-    """A variable of the FMU. A row of a table gives one variable, or one for each sensor if the name ends in *."""
+    """A variable of the FMU. A row of a table gives one variable, or one for each sensor if the name ends in `*`."""
 
     causality: str
     name: str
