@@ -104,10 +104,9 @@ def check_lowering(program: ControllerProgram, lowering: Controller, name: str, 
     for case in control_cases(program, windows):
         expected = control_step(program, *case)
         found = lowering.control_step(*case)
-        plan, forces, terms = (
-            _difference(getattr(found, part), getattr(expected, part)) for part in ("plan", "forces", "terms")
-        )
-        differences.append((plan, forces, max(terms, _difference(found.cost, expected.cost))))
+        action, force = np.abs(found.plan - expected.plan).max(), _relative(found.forces, expected.forces)
+        terms, cost = _relative(found.terms, expected.terms), _relative(found.cost, expected.cost)
+        differences.append((action, force, max(terms, cost)))
     action, force, cost = (float(value) for value in np.max(differences, axis=0))
     for figure, difference, allowed in (
         ("action", action, MOVE * program.mpc.iterations * program.mpc.learning_rate),
@@ -122,7 +121,7 @@ def check_lowering(program: ControllerProgram, lowering: Controller, name: str, 
     return {"cases": len(differences), "action": action, "force": force, "cost": cost}
 
 
-def _difference(found: Array | float, expected: Array | float) -> float:
+def _relative(found: Array | float, expected: Array | float) -> float:
     return float(np.abs(np.subtract(found, expected)).max() / max(1.0, np.abs(expected).max()))
 
 
