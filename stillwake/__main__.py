@@ -42,19 +42,15 @@ from stillwake.console.old_words import refuse_old
 from stillwake.console.stopping import ends_like_ctrl_c
 from stillwake.console.terminal import console
 
-EPILOG: Final = (
-    "Lengths are in W, the body's width. Times are in t_c = W / U_inf, the time in which the air passes one width. Cd, "
-    "Cl and Cp are the coefficients of drag, lift and pressure. The base is the truck's rear face. An action is the "
-    "flow rate of the jets in U_inf W. A shedding cycle of the wake takes about 5 t_c, and a control period 0.2 t_c, "
-    "or 20 ms for a truck on a motorway."
-)
-
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["--help", "-h"]},
-    epilog=EPILOG,
+    epilog="Lengths are in W, the body's width. Times are in t_c = W / U_inf, the time in which the air passes one "
+    "width. Cd, Cl and Cp are the coefficients of drag, lift and pressure. The base is the truck's rear face. An "
+    "action is the flow rate of the jets in U_inf W. A shedding cycle of the wake takes about 5 t_c, and a control "
+    "period 0.2 t_c, or 20 ms for a truck on a motorway.",
 )
 
 
@@ -75,14 +71,11 @@ def _root(
 
 _CONTROL: Final = "Run a controller"
 _MODEL: Final = "Make a controller from a recording"
-_WAKE: Final = "Study the wake"
-_SETTINGS: Final = "Settings of every command"
-
 PANELS: Final[Mapping[str, Sequence[Callable[..., None]]]] = {
     _CONTROL: (run, report, live, campaign, latency, vehicle, flash, calibrate, diagnose, mcu, keygen),
     _MODEL: (record, train, refine, export),
-    _WAKE: (develop, picture, plant_fmu),
-    _SETTINGS: (config,),
+    "Study the wake": (develop, picture, plant_fmu),
+    "Settings of every command": (config,),
 }
 for panel, commands in PANELS.items():
     for command in commands:

@@ -3,7 +3,7 @@
 import secrets
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated
 
 import typer
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -27,8 +27,8 @@ from stillwake.console.outputs import check_apart, check_output
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
 from stillwake.console.terminal import console, print_table
-from stillwake.parts.fitted_estimator import fitted_estimator
 from stillwake.parts.releases import describe, locate, open_release, signature
+from stillwake.parts.training import fitted_estimator
 
 
 class NotComparedError(StillwakeError):
@@ -41,9 +41,6 @@ bundle = typer.Typer(
     no_args_is_help=True, help="Release bundles: sign, verify, show their contents, list the keys that may sign."
 )
 
-DIFFERENT: Final = 1
-"""Exit status of `stillwake bundle diff` for two bundles that differ, as in diff(1)."""
-
 DataSet = Annotated[Path | None, typer.Option("--dataset", help="Data set for a new sensor estimator; takes minutes.")]
 SecurityVersion = Annotated[
     int | None,
@@ -52,9 +49,7 @@ SecurityVersion = Annotated[
 Speeds = Annotated[
     str | None, typer.Option(metavar="SLOWEST:FASTEST", help="Smaller range of speed / design speed: 0.7:1.3.")
 ]
-BillOfMaterials = Annotated[
-    Path | None, typer.Option(help="Write the bill of materials, CycloneDX 1.6.", metavar="FILE")
-]
+BillFile = Annotated[Path | None, typer.Option(help="Write the bill of materials, CycloneDX 1.6.", metavar="FILE")]
 Revoked = Annotated[
     list[Path], typer.Option("--revoke", help="Public key that may no longer sign (repeatable).", metavar="PUB")
 ]
@@ -163,7 +158,6 @@ def _speeds(text: str) -> SpeedRange:
 
 
 def _given(loaded: Loaded, section: str, values: object) -> dict[str, float]:
-    """Return, by name, the values that the user gave for a section of the settings."""
     names = [name.removeprefix(section) for name in loaded.given if name.startswith(section)]
     return {name: getattr(values, name) for name in names}
 
@@ -174,7 +168,7 @@ def inspect(
         Path | None, typer.Argument(help="Bundle directory, image (.swi) or key list; default: the shipped bundle.")
     ] = None,
     trust: shared.Trust = None,
-    sbom: BillOfMaterials = None,
+    sbom: BillFile = None,
 ) -> None:
     """Verify a bundle, an image or a key list, and show its contents and its signer.
 
@@ -206,14 +200,12 @@ def inspect(
 
 
 def _verify(where: Path, trusted: PublicKey | None) -> None:
-    """Check a bundle and print one line for each check. Raises BundleError if a check fails."""
     checks = bundles.examine(where, trusted)
     if all(check.error is None for check in checks):
         checks.append(_first_step(bundles.load(where, trusted)))
     for check in checks:
         mark = "[green]ok[/]    " if check.error is None else "[red]FAILED[/]"
-        line = f"{mark} {escape(check.name):15s} {escape(check.found or str(check.error))}"
-        console.print(line, markup=True)
+        console.print(f"{mark} {escape(check.name):15s} {escape(check.found or str(check.error))}", markup=True)
     failed = [check.name for check in checks if check.error is not None]
     if failed:
         raise BundleError(f"bundle {where}: {len(failed)} of {len(checks)} checks failed: {', '.join(failed)}")
@@ -250,7 +242,7 @@ def diff(
         console.print("no difference")
         return
     print_table("differs", str(a), str(b), rows=found)
-    raise typer.Exit(DIFFERENT)
+    raise typer.Exit(1)
 
 
 @bundle.command()
@@ -277,7 +269,6 @@ def keylist(
 
 
 def _opened_list(path: Path, root: PublicKey | None) -> tuple[KeyList, PublicKey]:
-    """Return the key list in a file, and the key that signed it: `root`, or any key if `root` is None."""
     try:
         raw = path.read_bytes()
     except OSError as error:
@@ -287,11 +278,8 @@ def _opened_list(path: Path, root: PublicKey | None) -> tuple[KeyList, PublicKey
 
 
 def _show(listed: KeyList, root: PublicKey) -> None:
-    rows = (
-        (what, fingerprint)
-        for what, found in (("may sign", listed.keys), ("revoked", listed.revoked))
-        for fingerprint in sorted(one.fingerprint for one in found)
-    )
+    rows = [("may sign", one) for one in sorted(key.fingerprint for key in listed.keys)]
+    rows += [("revoked", one) for one in sorted(key.fingerprint for key in listed.revoked)]
     print_table(f"key list {listed.version}", f"signed by {root.fingerprint}", rows=rows)
 
 

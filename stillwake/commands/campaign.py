@@ -1,6 +1,6 @@
 """The command `stillwake campaign`, which runs the closed loop under every disturbance of a test plan."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import date
 from itertools import zip_longest
@@ -26,17 +26,13 @@ if TYPE_CHECKING:
     from firmware_sim.campaign.conduct import Campaign, Result
     from firmware_sim.campaign.folder import CampaignFolder
 
-NOT_SAFE: Final = 3
-"""Exit status of a complete campaign in which an invariant (a condition for safe frames and jet flows) was violated."""
 _USES: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
 _LONGEST: Final = 1e6
 """Longest time in t_c that an option accepts, about a day on the road."""
-_MOST_PHASES: Final = 25
-"""Largest number of starting phases of the wake, about the number of control periods in a shedding cycle."""
 
 Scenarios = Annotated[list[Path], typer.Option(help="TOML file with your own scenarios (repeatable).", metavar="FILE")]
 Only = Annotated[list[str], typer.Option(help="Only these scenarios, e.g. 'noise_*' (repeatable).", metavar="GLOB")]
-Phases = Annotated[int, typer.Option(help="Number of starting phases in a shedding cycle.", min=1, max=_MOST_PHASES)]
+Phases = Annotated[int, typer.Option(help="Number of starting phases in a shedding cycle.", min=1, max=25)]
 Settle = Annotated[float, typer.Option(help="Time with control before the averages begin, t_c.", min=0.0, max=_LONGEST)]
 
 
@@ -75,8 +71,8 @@ def campaign(
     spread = shared.workers_of(workers)
     config = settings("campaign", given, uses=_USES).config
     release = open_release(bundle)
-    spans = {"phases": phases, "controlled": controlled, "settle": settle}
-    planned = _planned(release, config, scenarios, only, spans, seed)
+    spans = {"controlled": controlled, "settle": settle}
+    planned = _planned(release, config, scenarios, only, spans, phases, seed)
     if list_them or output is None:
         console.print(*listing(planned.scenarios, phases=planned.phases), sep="\n")
         return
@@ -101,13 +97,12 @@ def campaign(
     _print(result)
     console.print(f"wrote {folder.report} and {folder.table}")
     if not result.safe:
-        raise typer.Exit(NOT_SAFE)
+        raise typer.Exit(3)
 
 
 def _planned(
-    release: Bundle, config: Config, files: Sequence[Path], only: Sequence[str], spans: dict[str, float], seed: int
+    release: Bundle, config: Config, files: list[Path], only: list[str], spans: dict[str, float], phases: int, seed: int
 ) -> "Campaign":
-    """Return the requested campaign after its checks; every error in the request is raised before the first run."""
     from contract.config.body import layout_of
     from ecu.fit import check_flow, check_sensors
     from firmware_sim.bench.simulation import Spans
@@ -120,19 +115,19 @@ def _planned(
     sensors = release.manifest.sensors
     on_base = {layout.names[column] for column in layout.base}
     # Before control is requested, the controller's window fills with the readings of the disturbed sensors.
-    lead_in = (release.manifest.window + MARGIN_PERIODS) * config.flow.control_period
+    lead_in = release.manifest.window + MARGIN_PERIODS
     place = Place(
         sensors=sensors,
         base_sensor=next((name for name in sensors if name in on_base), None),
-        enabled_s=(release.manifest.window + MARGIN_PERIODS) * config.period_ns / 1e9,
+        enabled_s=lead_in * config.period_ns / 1e9,
         t_c_s=config.operating_point.convective_time,
     )
     campaign = Campaign(
         scenarios=selected(whole_plan(files, place), only),
         bundle=release,
         config=replace(config, mpc=release.manifest.mpc),
-        timing=Spans(averages=False, lead_in=lead_in, controlled=spans["controlled"], settle=spans["settle"]),
-        phases=int(spans["phases"]),
+        timing=Spans(averages=False, lead_in=lead_in * config.flow.control_period, **spans),
+        phases=phases,
         seed=seed,
     )
     campaign.check()
@@ -140,7 +135,6 @@ def _planned(
 
 
 def _conducted(planned: "Campaign", folder: "CampaignFolder", spread: Mapping[str, Any]) -> "Result":
-    """Run the missing runs of a campaign and show their progress. If the command is stopped, print how to continue."""
     from firmware_sim.campaign.conduct import conduct
 
     def advice() -> str:

@@ -16,7 +16,6 @@ from stillwake.console.settings import read_settings
 from stillwake.console.terminal import console
 
 _HEAD: Final = ("setting", "value", "default", "unit", "from")
-_WIDTH: Final = 80
 
 
 def config(
@@ -58,15 +57,13 @@ def _check_complete(whole: Sequence[Section], listed: Sequence[Section]) -> None
             raise ConfigError(f"{one.name} is {shown(one.value)}: {remedy}; print the file without the prefix")
 
 
-def chosen(listed: Sequence[Section], prefix: str, *, only_changed: bool) -> tuple[Section, ...]:
+def chosen(found: Sequence[Section], prefix: str, *, only_changed: bool) -> tuple[Section, ...]:
     """Return the sections, each with its settings whose names begin with the prefix. With `only_changed`, only settings
     whose values differ from the paper are returned. Raises ConfigError if no setting begins with the prefix."""
-    if not any(one.name.startswith(prefix) for section in listed for one in section.settings):
-        raise ConfigError(
-            f"no setting begins with {prefix!r}; the sections are {', '.join(one.name for one in listed)}"
-        )
+    if not any(one.name.startswith(prefix) for section in found for one in section.settings):
+        raise ConfigError(f"no setting begins with {prefix!r}; the sections are {', '.join(one.name for one in found)}")
     kept = []
-    for section in listed:
+    for section in found:
         named = (one for one in section.settings if one.name.startswith(prefix))
         if chosen := tuple(one for one in named if one.is_changed or not only_changed):
             kept.append(replace(section, settings=chosen))
@@ -82,30 +79,24 @@ def table(listed: Sequence[Section], loaded: Loaded, *, explain: bool) -> Iterat
     for section in listed:
         yield ""
         about = section.meaning if explain else f"{section.meaning.partition('. ')[0].rstrip('.')}."
-        yield from wrap(f"[{section.name}] {about}", _WIDTH, subsequent_indent="    ")
+        yield from wrap(f"[{section.name}] {about}", 80, subsequent_indent="    ")
         for one in section.settings:
             yield _line(cells(one, loaded), widths)
             if explain:
                 of = "one of " if isinstance(one.paper, str) else ""
                 text = f"Must be {of}{one.bounds}. {one.meaning}" if one.bounds else one.meaning
                 for part in filter(None, (text, _origin(one.source))):
-                    yield from wrap(
-                        part, _WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False
-                    )
+                    yield from wrap(part, 80, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
 
 
 def cells(one: Setting, loaded: Loaded) -> tuple[str, ...]:
     """Return a row of the table: name, value, the paper's value if it differs, unit, and the value's source."""
-    return (one.name, shown(one.value), shown(one.paper) if one.is_changed else "", one.unit, source(one, loaded))
-
-
-def source(one: Setting, loaded: Loaded) -> str:
-    """Return the source of a setting's value."""
+    source = "release" if one.is_changed else "default"
     if one.name in loaded.in_overrides:
-        return "--set"
-    if one.name in loaded.in_file:
-        return "file"
-    return "release" if one.is_changed else "default"
+        source = "--set"
+    elif one.name in loaded.in_file:
+        source = "file"
+    return (one.name, shown(one.value), shown(one.paper) if one.is_changed else "", one.unit, source)
 
 
 def _origin(source: Source) -> str:

@@ -35,8 +35,6 @@ _USES: Final = (
 )
 _VEHICLE: Final = ("operating_point", "flow.control_period", "flow.action_limit", "ecu.delay_steps", "ecu.plan_ahead")
 _FIRMWARE: Final = ("operating_point", *REAL_BUS, DIAGNOSIS, "ecu")
-_SERIAL: Final = "1"
-"""Serial number of every emulated microcontroller."""
 _RUN: Final = "run"
 _MAKES: Final = {
     "access": "`stillwake keygen --secret` makes a key",
@@ -225,8 +223,6 @@ def _run_store(
 def _run_firmware(
     given: list[str], bundle: Path | None, flash: Path, hardware: str, *, library: Path, root: Path, access: Path
 ) -> None:
-    """Run the firmware of an emulated microcontroller on a bus until it is stopped. The file `flash` has the content of
-    its flash memory, and is created if it does not exist."""
     from can_bridge.bus.backends.python_can import PythonCanBus
     from can_bridge.secoc.key import read_secret
     from can_bridge.wire.message_sets import message_set
@@ -241,7 +237,8 @@ def _run_firmware(
     release, bank = open_release(bundle), read_bank(flash)
     sources = ecu_sources(library, release, config)
     vehicle = controller_image.read(image_of(sources | read_packed(library), release, config, None)).facts.vehicle
-    header = equipment_header(signing.read_public_key(root), read_secret(access), vehicle, hardware, _SERIAL)
+    serial = "1"  # of every emulated microcontroller
+    header = equipment_header(signing.read_public_key(root), read_secret(access), vehicle, hardware, serial)
     console.print("building the firmware")
     ecu = BoardEcu(sources, own={EQUIPMENT: header}, bank=bank)
     # The bus delivers only the frames of the message set and of diagnosis. The filters of the emulated CAN controller

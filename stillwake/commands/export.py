@@ -37,8 +37,8 @@ from stillwake.parts.c_release import (
     write_image,
     write_shipped_library,
 )
-from stillwake.parts.fitted_estimator import fitted_estimator
 from stillwake.parts.releases import open_release
+from stillwake.parts.training import fitted_estimator
 
 if TYPE_CHECKING:
     from export.release.gated import Gated
@@ -110,11 +110,12 @@ def export(
     """
     of_fmu, private = None if fmu is None else kind_and_path(fmu), None if key is None else read_private_key(key)
     files = _Files(c=c, fmu=of_fmu, image=image, for_testers=for_testers, key=private)
+    any_file = files.in_c or for_testers is not None
     check_apart(output or model, c, of_fmu and of_fmu[1], image, for_testers)
     if image is not None and name is not None:
         name_bytes("name", name)
     if output is None:
-        is_of_shipped = files.any_given and not (files.in_c and model) and (image or not key)
+        is_of_shipped = any_file and not (files.in_c and model) and (image or not key)
         if not is_of_shipped or estimator or (precision, name, dataset) != (None, None, None):
             raise OutputError(_NO_BUNDLE)
         files.check(overwrite=overwrite)
@@ -125,7 +126,7 @@ def export(
         return
     assert model is not None
     check_apart(model, output)
-    config = _settings(model, given, uses=(*USES, *USES_IN_C) if files.any_given else USES)
+    config = _settings(model, given, uses=(*USES, *USES_IN_C) if any_file else USES)
     check_output(output, overwrite=overwrite, folder=True, occupant=_description(output))
     check_output(output.with_name(f"{output.name}.cdx.json"), overwrite=overwrite)
     files.check(overwrite=overwrite)
@@ -153,11 +154,7 @@ class _Files:
     @property
     def in_c(self) -> bool:
         """Whether the C library is needed, for its own folder or to make the FMU or the image."""
-        return self.c is not None or self.fmu is not None or self.image is not None
-
-    @property
-    def any_given(self) -> bool:
-        return self.in_c or self.for_testers is not None
+        return (self.c, self.fmu, self.image) != (None, None, None)
 
     def check(self, *, overwrite: bool) -> None:
         """Check that the files can be written; see `check_output`."""
@@ -169,9 +166,8 @@ class _Files:
             check_output(self.for_testers, overwrite=overwrite, folder=True, mark=A2L)
         if self.image is not None and self.image.suffix.lower() not in FORMATS:
             raise OutputError(f"--image {self.image}: must be a file ending in {' or '.join(FORMATS)}")
-        for path in (None if self.fmu is None else self.fmu[1], self.image):
-            if path is not None:
-                check_output(path, overwrite=overwrite)
+        for path in filter(None, (self.fmu and self.fmu[1], self.image)):
+            check_output(path, overwrite=overwrite)
 
     def check_in_c(self, config: Config) -> None:
         """Raise an error for settings that the ECU in C never supports, whatever the release."""
@@ -193,11 +189,10 @@ class _Files:
 
     def write_for_testers(self, release: Bundle, config: Config) -> None:
         """Write the descriptions of the ECU, if requested."""
-        if self.for_testers is None:
-            return
-        found = descriptions(release, config)
-        write_files(self.for_testers, found)
-        console.print(f"wrote {self.for_testers}: {', '.join(found)} of {release.manifest.name}")
+        if self.for_testers is not None:
+            found = descriptions(release, config)
+            write_files(self.for_testers, found)
+            console.print(f"wrote {self.for_testers}: {', '.join(found)} of {release.manifest.name}")
 
     def print(self) -> None:
         """Print the size and the signer of the image, and the kind of the FMU."""
@@ -257,26 +252,21 @@ def _export_model(
     size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
     console.print(f"wrote {output}: {done.lowered.precision}, {size}, {files.signed}")
     console.print(f"wrote {bill}: bill of materials, CycloneDX 1.6")
-    _print_remarks(done, config)
-    if done.library is not None and files.c is not None:
-        workspace = f"{done.library.workspace_bytes / 1024:.0f} KiB of workspace"
-        console.print(f"wrote {files.c}: C99, {done.lowered.precision}, {workspace}")
-    files.print()
-    files.write_for_testers(release, config)
-
-
-def _print_remarks(done: "Gated", config: Config) -> None:
-    point = config.operating_point
+    point, count = config.operating_point, len(done.lowered.effective.sensors)
     console.print(
         f"for a body {point.width:g} m wide at {point.speed:g} m/s, a control period of {config.period_ns / 1e6:g} ms: "
         f"change them with --set operating_point.width and operating_point.speed"
     )
-    count = len(done.lowered.effective.sensors)
     if count != SENSORS:
         console.print(
             f"the model has {count} sensors, but this ECU needs the {SENSORS} of Pressure (train.sensors={SENSORS}); "
             f"the control step in C and the ONNX graph work with any number"
         )
+    if done.library is not None and files.c is not None:
+        workspace = f"{done.library.workspace_bytes / 1024:.0f} KiB of workspace"
+        console.print(f"wrote {files.c}: C99, {done.lowered.precision}, {workspace}")
+    files.print()
+    files.write_for_testers(release, config)
 
 
 def _export_shipped(files: _Files, given: list[str]) -> None:
@@ -320,7 +310,6 @@ def _settings(model: Path, given: list[str], *, uses: Sequence[str] = USES) -> C
 
 
 def _description(bundle: Path) -> str:
-    """Return a description of the file or folder that already exists at the bundle's path."""
     try:
         there = bundles.load(bundle)
     except StillwakeError:

@@ -4,9 +4,9 @@ how long each stage of the control loop takes."""
 import os
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -29,25 +29,9 @@ from stillwake.parts.releases import locate, open_release
 if TYPE_CHECKING:
     from firmware_sim.latency.measured import KeptLimit, MeasuredRun
 
-_NOT_PASSED: Final = 3
-"""Exit status of a complete run in which the latency budget was exceeded, or the ECU did not stay in control."""
 LEAD_IN_S: Final = 2.0
 """Time in s from the start to the request for control. By then the ECU's deadlines follow the vehicle's sampling."""
-SPARE_PERIODS: Final = 25
-"""Number of periods that are run but not counted: before the first plan, and after the last counted period."""
-INTERFACE: Final = "udp_multicast"
 USES: Final = ("operating_point", "flow.control_period", "flow.action_limit", *REAL_BUS, "ecu", "vehicle")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Subject:
-    """A controller that is timed: "onnx", which ONNX Runtime computes, or "c", which a C library computes."""
-
-    name: str
-    about: str
-    bundle: Path
-    library: Path | None = None
-
 
 Periods = Annotated[int, typer.Option(help="Number of control periods with a plan to measure.", min=100, max=150_000)]
 Budget = Annotated[Path | None, typer.Option(help="Latency limits; exit status 3 if exceeded.", metavar="FILE")]
@@ -85,8 +69,8 @@ def latency(
     release = open_release(bundle)
     with ExitStack() as stack, replacing(output) as folder:
         folder.mkdir()
-        subjects = _subjects(release, bundle, library, both=both, stack=stack)
-        runs = measured(subjects, loaded, folder, periods=periods, window=release.manifest.window)
+        libraries = _libraries(bundle, library, both=both, stack=stack)
+        runs = measured(release, locate(bundle, None)[0], libraries, loaded, folder, periods)
         judged = [[] if limits is None else verdicts(limits, run.counts, run.latencies) for run in runs]
         write_report(folder, runs, judged)
     for run, of_run in zip(runs, judged, strict=True):
@@ -107,7 +91,7 @@ def latency(
     if broken:
         console.print(f"over budget: {', '.join(verdict.name for verdict in broken)}", style="bold red")
     if broken or uncontrolled:
-        raise typer.Exit(_NOT_PASSED)
+        raise typer.Exit(3)
 
 
 def in_real_time(loaded: Loaded) -> Loaded:
@@ -116,12 +100,10 @@ def in_real_time(loaded: Loaded) -> Loaded:
     bus = loaded.config.bus
     named = {"bus.interface", "bus.channel"} & loaded.given
     if "bus.interface" not in loaded.given:
-        bus = replace(bus, interface=INTERFACE)
-    if bus.interface in ("simulated", "virtual"):
-        raise ConfigError(
-            f"bus.interface = {bus.interface!r}: two processes need a bus between them, such as {INTERFACE}"
-        )
-    if bus.interface == INTERFACE and "bus.channel" not in loaded.given:
+        bus = replace(bus, interface="udp_multicast")
+    if (kind := bus.interface) in ("simulated", "virtual"):
+        raise ConfigError(f"bus.interface = {kind!r}: two processes need a bus between them, such as udp_multicast")
+    if kind == "udp_multicast" and "bus.channel" not in loaded.given:
         # Routers do not forward these addresses (RFC 2365). The address depends on the process number, so that
         # simultaneous measurements do not disturb each other.
         high, low = divmod(os.getpid() % 65536, 256)
@@ -131,45 +113,47 @@ def in_real_time(loaded: Loaded) -> Loaded:
 
 
 def measured(
-    subjects: Sequence[Subject], loaded: Loaded, folder: Path, *, periods: int, window: int
+    release: Bundle, bundle: Path, libraries: Mapping[str, Path | None], loaded: Loaded, folder: Path, periods: int
 ) -> "list[MeasuredRun]":
-    """Measure the controllers one after another. Write each controller's tables into a folder with its name."""
+    """Measure the controllers one after another: "onnx", which ONNX Runtime computes, or "c", which a C library
+    computes. Write each controller's tables into a folder with its name."""
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.wire.message_sets import message_set
     from firmware_sim.latency.measured import MeasuredRun
     from firmware_sim.latency.running import longest_run, recorded
 
     config = loaded.config
-    chosen = folder / "settings.toml"
-    # Only these settings are passed on; all others have the same defaults in both processes.
-    own = [
-        replace(section, settings=tuple(one for one in section.settings if one.name in loaded.given))
-        for section in sections(config)
-    ]
+    chosen, own = folder / "settings.toml", []
+    for section in sections(config):
+        # Only these settings are passed on; all others have the same defaults in both processes.
+        own.append(replace(section, settings=tuple(one for one in section.settings if one.name in loaded.given)))
     chosen.write_text(as_toml(own), encoding="utf-8")
     lead_in = LEAD_IN_S / config.operating_point.convective_time
-    before = round(LEAD_IN_S * 1e9 / config.period_ns) + window
-    total = periods + before + SPARE_PERIODS
+    before = round(LEAD_IN_S * 1e9 / config.period_ns) + release.manifest.window
+    # Further periods are run, but not counted: before the first plan, and after the last counted period.
+    total = periods + before + 25
     longest = longest_run(total, config.period_ns)
     # The benefit check is off, because the vehicle's pressures are recorded and do not respond to the jets.
     unjudged = ["--set", str(chosen), "--set", "ecu.benefit_check.enabled=false"]
     replay = ["--periods", str(total), "--lead-in", str(lead_in), "--set", str(chosen)]
     counters, runs = profile_of(message_set(config.bus).pressure.spec).counter_period, []
+    path = str(bundle.absolute())
     with progress("periods") as report:
-        for subject in subjects:
-            place = folder / subject.name
-            place.mkdir()
-            library = [] if subject.library is None else ["--library", str(subject.library)]
+        for name, library in libraries.items():
+            (folder / name).mkdir()
+            computer = "ONNX Runtime" if library is None else "C library"
+            about = f"{release.manifest.name} {release.digest[:12]}, {computer}"
+            of_c = [] if library is None else ["--library", str(library.absolute())]
             run = recorded(
-                place,
-                ecu=[*_STILLWAKE, "ecu", str(subject.bundle), *library, "--periods", str(longest), *unjudged],
-                vehicle=[*_STILLWAKE, "vehicle", "--bundle", str(subject.bundle), *replay],
+                folder / name,
+                ecu=[*_STILLWAKE, "ecu", path, *of_c, "--periods", str(longest), *unjudged],
+                vehicle=[*_STILLWAKE, "vehicle", "--bundle", path, *replay],
                 periods=total,
                 period_ns=config.period_ns,
-                progress=lambda done, one=subject: report(one.name, done, total, one.about),  # type: ignore[misc]
+                progress=lambda done, name=name, about=about: report(name, done, total, about),  # type: ignore[misc]
             )
             periods_of = {"period_ns": config.period_ns, "counter_period": counters}
-            runs.append(MeasuredRun.of(run, name=subject.name, about=subject.about, **periods_of))
+            runs.append(MeasuredRun.of(run, name=name, about=about, **periods_of))
     return runs
 
 
@@ -185,23 +169,18 @@ def figures(runs: "Sequence[MeasuredRun]") -> dict[str, Any]:
 _STILLWAKE: Final = (sys.executable, "-m", "stillwake")
 
 
-def _subjects(
-    release: Bundle, bundle: Path | None, library: Path | None, *, both: bool, stack: ExitStack
-) -> list[Subject]:
-    """Return the controllers to time. A C library that is made here is deleted when `stack` is closed. Raises
-    LibraryError if both controllers are requested for a user's bundle without the bundle's C library."""
-    path, _ = locate(bundle, None)
-    name = f"{release.manifest.name} {release.digest[:12]}"
-    onnx = Subject(name="onnx", about=f"{name}, ONNX Runtime", bundle=path.absolute())
+def _libraries(bundle: Path | None, library: Path | None, *, both: bool, stack: ExitStack) -> Mapping[str, Path | None]:
+    """Return the C library of each controller to time, None for ONNX Runtime. A C library that is made here is deleted
+    when `stack` is closed. Raises LibraryError if both controllers are requested for a user's bundle without the
+    bundle's C library."""
     if library is None:
         if not both:
-            return [onnx]
+            return {"onnx": None}
         if bundle is not None:
             raise LibraryError("--both: name the bundle's C library with --library (`stillwake export --c`)")
         console.print("making the C library of the shipped model, as `stillwake export --c` does")
         library = stack.enter_context(library_folder(None))
-    c = replace(onnx, name="c", about=f"{name}, C library", library=library.absolute())
-    return [onnx, c] if both else [c]
+    return {"onnx": None, "c": library} if both else {"c": library}
 
 
 def _print(run: "MeasuredRun", verdicts: "Sequence[KeptLimit]") -> None:

@@ -69,9 +69,8 @@ def live(
             typer.launch(url)
 
     with until_stopped() as is_stopped:
-        asyncio.run(
-            server.serve(
-                make, address=host, port=port, fast=fast, is_stopped=is_stopped, ready=ready, report=console.print
-            )
+        serving = server.serve(
+            make, address=host, port=port, fast=fast, is_stopped=is_stopped, ready=ready, report=console.print
         )
+        asyncio.run(serving)
     console.print("stopped")

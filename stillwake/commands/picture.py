@@ -1,5 +1,6 @@
 """The command that draws the flow: a state, a mean over time, or an animation."""
 
+from functools import partial
 from math import isfinite
 from operator import attrgetter
 from pathlib import Path
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from wake.recording.plans import ForcingName
     from wake.truck.truck_wake import TruckWake
 
-_USUAL_DURATION: Final = 25.0
-"""Default duration in t_c, about five shedding cycles."""
 _MOVING: Final = (".gif", ".webp")
 """File name endings that select an animation."""
 FORCINGS: Final = {
@@ -35,9 +34,6 @@ FORCINGS: Final = {
     "extended_chirp": (),
 }
 """The forcings of the jets, with the names of their parameters."""
-_FREQUENCY: Final = 0.2
-"""Default frequency in 1/t_c, about the frequency of the shedding."""
-
 Duration = Annotated[float | None, typer.Option(help="Simulated time, t_c; default: 25, or all of a run.", min=0.2)]
 Forcing = Annotated[str, typer.Option(metavar="TEXT|RUN", help="Actions of the jets, or a run folder to replay.")]
 
@@ -72,9 +68,8 @@ def picture(
         raise ConfigError(f"{output}: the mean flow is a still picture; name a file that ends in .png, .pdf or .svg")
     (check_target if moves else check_suffix)(output)
     claim(output)
-    config = settings(
-        "picture", given, uses=("body", "flow", *(["forcing"] if moves or field == "mean" else []))
-    ).config
+    used = ("body", "flow", "forcing") if moves or field == "mean" else ("body", "flow")
+    config = settings("picture", given, uses=used).config
     if field != "mean" and not moves:
         if duration is not None or settle or forcing != "none":
             raise ConfigError("--duration, --settle and --forcing are only for --field mean or an animation")
@@ -116,11 +111,8 @@ def _draw_moving(
     from wake.pictures.drawing import animate
 
     with progress("steps") as report:
-
-        def show(done: int, _: int) -> None:
-            report("animation", done, len(actions))
-
-        show(0, 0)
+        report("animation", 0, len(actions))
+        show = partial(report, "animation")
         frames = animate(output, drawn, wake, actions, skip=skip, every=every, progress=show)
     console.print(f"wrote {output}: {frames} frames, {output.stat().st_size / 1e6:.2f} MB")
 
@@ -145,7 +137,7 @@ def actions_of(config: Config, duration: float | None, forcing: str) -> npt.NDAr
     has another body, Reynolds number or control period."""
     asked = None if duration is None else shared.steps_of("--duration", duration, config.flow.control_period)
     if forcing.partition(":")[0] in FORCINGS:
-        usual = round(_USUAL_DURATION / config.flow.control_period)
+        usual = round(25.0 / config.flow.control_period)
         return _signal(config, usual if asked is None else asked, forcing)
     # Row k has the action reached at t_k. The plant ramps to this action from the action in row k - 1, so the commands
     # are the actions from row 1 on.
@@ -173,7 +165,7 @@ def _signal(config: Config, steps: int, forcing: str) -> npt.NDArray[np.float64]
     except ValueError:
         raise ConfigError(f"--forcing {forcing}: its parameters must be numbers") from None
     if kind == "sine":
-        frequency = values.get("frequency", _FREQUENCY)
+        frequency = values.get("frequency", 0.2)
         if not (isfinite(frequency) and frequency > 0.0):
             raise ConfigError(f"--forcing {forcing}: frequency must be a positive number")
         height = values.get("amplitude", config.flow.action_limit)

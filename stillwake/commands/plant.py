@@ -18,8 +18,6 @@ from stillwake.parts.wakes import settle_into
 
 USES: Final = ("flow", "body")
 """Settings of a plant without forcing or control."""
-_USUAL_DURATION: Final = 200.0
-"""Default duration in t_c, forty shedding cycles."""
 
 
 def develop(
@@ -45,7 +43,7 @@ def develop(
         raise ConfigError(f"--duration {duration:g}: does not go with --steady, which ends when the flow is steady")
     if json_file is not None and not steady:
         raise ConfigError("--json: needs --steady; a developed wake is a state without figures")
-    duration = _USUAL_DURATION if duration is None else duration
+    duration = 200.0 if duration is None else duration
     shared.steps_of("--duration", duration, config.flow.control_period)
     check_output(output, overwrite=overwrite)
     check_json(json_file, output)

@@ -94,15 +94,9 @@ def record(
         _record_forced(output, config, None if paper else {**_STEPS, **steps}, seed, {**how, "overwrite": overwrite})
         return
     _check_round(steps, options, from_steady, paper=paper, overwrite=overwrite)
-    of_plan = {
-        "episodes": episodes,
-        "role": role,
-        "seed": seed,
-        "exploration": exploration,
-        "steps": steps.get("controlled" if from_steady is None else "calm"),
-    }
-    if amplitudes is not None:
-        of_plan |= dict(zip(("smallest", "largest"), amplitudes, strict=True))
+    of_plan = {"episodes": episodes, "role": role, "seed": seed, "exploration": exploration}
+    of_plan["steps"] = steps.get("controlled" if from_steady is None else "calm")
+    of_plan["smallest"], of_plan["largest"] = amplitudes or (None, None)
     given_of_plan = {name: value for name, value in of_plan.items() if value is not None}
     _record_round(output, config, from_steady, under, given_of_plan, how)
 
@@ -131,7 +125,6 @@ def _check_forced(steps: Mapping[str, int], options: Mapping[str, object], *, pa
 def _check_round(
     steps: Mapping[str, int], options: Mapping[str, object], steady: Path | None, *, paper: bool, overwrite: bool
 ) -> None:
-    """Raise an error for options that do not belong to the requested round (--under or --from-steady)."""
     option, own = ("--under", "controlled") if steady is None else ("--from-steady", "calm")
     if paper:
         raise StillwakeError(f"{option} and --paper are two recordings: give one of them")
@@ -147,9 +140,7 @@ def _check_round(
     _refuse_given(options, ("state",), "does not go with --from-steady, which sets the initial state")
 
 
-def _record_forced(
-    output: Path, config: Config, steps: Mapping[str, int] | None, seed: int, how: Mapping[str, Any]
-) -> None:
+def _record_forced(output: Path, config: Config, steps: dict[str, int] | None, seed: int, how: dict[str, Any]) -> None:
     """Record forced episodes with these numbers of control steps, or with the paper's numbers if `steps` is None."""
     from wake.recording.plans import EpisodePlan, paper_plans
     from wake.recording.recorder import record as record_dataset
@@ -173,14 +164,8 @@ def _record_forced(
 
 
 def _record_round(
-    output: Path,
-    config: Config,
-    steady: Path | None,
-    bundle: Path | None,
-    of_plan: Mapping[str, Any],
-    how: Mapping[str, Any],
+    output: Path, config: Config, steady: Path | None, bundle: Path | None, of_plan: dict[str, Any], how: dict[str, Any]
 ) -> None:
-    """Record episodes under a controller, from the steady wake, or both."""
     from wake.recording.episode_job import NoFeedback
     from wake.recording.plans import CalmRound, ControlledRound
     from wake.recording.recorder import record_round

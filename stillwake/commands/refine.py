@@ -20,10 +20,8 @@ from stillwake.console.progress import progress
 from stillwake.console.settings import settings
 from stillwake.console.stopping import go_on_with
 from stillwake.console.terminal import console
-from stillwake.parts.training_progress import TrainingProgress, advice, check_model_output
+from stillwake.parts.training import TrainingProgress, advice, check_model_output
 
-_SENSORS: Final = 4
-"""Number of sensors that are used if none are named."""
 USES: Final = ("refine", "mpc", "train.seed")
 
 
@@ -77,22 +75,17 @@ def refine(
     begins_with = {"model": folder_read / MODEL_WEIGHTS, **({} if state is None else {"state": state})}
     layout = trained.layout
     names = shared.names_in(sensors) or (trained.sensors if are_pairs(layout, trained.sensors) else ())
-    names = names or tuple(layout.names[index] for index in select_by_hand(_SENSORS, layout))
+    names = names or tuple(layout.names[index] for index in select_by_hand(4, layout))
     spread = side_by_side(workers, partial(wake_of, config, names)) if workers > 1 else nullcontext()
     with go_on_with(lambda: advice(folder)), spread as run, progress("steps", estimate_over=600.0) as report:
-        show = TrainingProgress(report)
+        show, settling = TrainingProgress(report), partial(report, "wake on its grid", unit="t_c")
         refined, periods = refine_model(
             trained,
             shipped_recording() if dataset is None else dataset,
             config,
             output,
             sensors=names,
-            flow=partial(
-                differentiable_wake,
-                config,
-                start=state,
-                progress=lambda t, total: report("wake on its grid", t, total, unit="t_c"),
-            ),
+            flow=partial(differentiable_wake, config, start=state, progress=settling),
             workers=run,
             progress=show,
             resume=not restart,

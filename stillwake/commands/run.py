@@ -28,25 +28,16 @@ if TYPE_CHECKING:
     from firmware_sim.runs.run_log import Row, RunLog
     from wake.plant.drive import Drive
 
-NOT_IN_CONTROL: Final = 3
-"""Exit status of a complete run in which the ECU latched a fault, or was not in control while control was requested."""
-BELOW_REQUIREMENT: Final = 4
-"""Exit status of a complete run whose drag reduction was smaller than required."""
-
 _USES: Final = ("body", "operating_point", "flow", "bus.interface", *VIRTUAL_BUS, "ecu", "vehicle", "mpc")
 PYTHON: Final = "python"
 ECUS: Final = (PYTHON, "c", "mcu")
-CLOCK_MHZ: Final = 480.0
-"""Default clock frequency of the emulated microcontroller, in MHz."""
 
 EcuName = Annotated[
     str, typer.Option("--ecu", help="python, c (on this machine), mcu (emulated), or mcu@MHZ.", metavar="ECU")
 ]
 Controlled = Annotated[float | None, typer.Option(help="Time with control, t_c (100, or the drive's time).", min=0.2)]
 NoAverages = Annotated[bool, typer.Option("--no-averages", help="Compute no averages; the run may be short.")]
-RequireReduction = Annotated[
-    float | None, typer.Option(help="Exit with status 4 unless drag falls by this percentage.")
-]
+LeastReduction = Annotated[float | None, typer.Option(help="Exit with status 4 unless drag falls by this percentage.")]
 PlantName = Annotated[Literal["wake", "openfoam"], typer.Option("--plant", help="Solver; openfoam is far slower.")]
 Disturb = Annotated[list[str], typer.Option(metavar="TEXT", help="KIND:PARAMETER=VALUE@START..END (repeatable).")]
 
@@ -60,7 +51,7 @@ def run(
     controlled: Controlled = None,
     settle: Annotated[float, typer.Option(help="Time with control before the averages begin, t_c.", min=0.0)] = 40.0,
     no_averages: NoAverages = False,
-    require_reduction: RequireReduction = None,
+    require_reduction: LeastReduction = None,
     plant: PlantName = shared.WAKE,
     state: shared.State = None,
     drive: shared.Drive = None,
@@ -136,7 +127,7 @@ def ecu_of(text: str) -> tuple[str, float]:
     if kind not in ECUS or (at and kind != "mcu"):
         raise ConfigError(f"--ecu {text}: must be one of {', '.join(ECUS)}, or a clock in MHz as in mcu@300")
     try:
-        return kind, float(clock) if at else CLOCK_MHZ
+        return kind, float(clock) if at else 480.0
     except ValueError:
         raise ConfigError(f"--ecu {text}: {clock!r} must be a clock in MHz, as in mcu@300") from None
 
@@ -224,9 +215,6 @@ def _closed(
 
 
 def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle, config: Config) -> "LoopEcu":
-    """Return the bundle's ECU in C, for the vehicle of this run. Raises LibraryError if no library is given for a
-    bundle other than the shipped one, or if the library belongs to another bundle. Raises StillwakeError if the library
-    cannot be compiled, or an ECU in C does not support the settings."""
     from can_bridge.secoc.key import read_secret
     from ecu.in_c.c_ecu import ecu_sources
     from firmware_sim.bench.ecus import check_ecu, loop_ecu
@@ -268,6 +256,6 @@ def exit_with(log: "RunLog", required: float | None) -> None:
         if failed or reached is None or reached < required:
             measured = "no reduction can be claimed" if reached is None else f"the reduction is {reached:.2f} %"
             console.print(f"--require-reduction {required:g}: not reached, {measured}")
-            raise typer.Exit(BELOW_REQUIREMENT)
+            raise typer.Exit(4)
     if failed:
-        raise typer.Exit(NOT_IN_CONTROL)
+        raise typer.Exit(3)

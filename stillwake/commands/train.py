@@ -2,7 +2,7 @@
 
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 from rich.table import Table
@@ -17,7 +17,7 @@ from stillwake.console.progress import progress
 from stillwake.console.settings import settings
 from stillwake.console.stopping import go_on_with
 from stillwake.console.terminal import console
-from stillwake.parts.training_progress import TrainingProgress, advice, check_model_output
+from stillwake.parts.training import TrainingProgress, advice, check_model_output
 from train.fitting import unfinished
 
 if TYPE_CHECKING:
@@ -63,12 +63,11 @@ def train(
     if chosen is not None:
         read_from.layout.indices(chosen)
     refuse_unfit(findings(read_from, config, choosing=chosen is None), str(recording))
-    resumed = False
+    reached = None
     if not restart:
         identity = unfinished.Identity.of(config, sha256(recording.read_bytes()).hexdigest(), device, chosen, threads)
         reached = unfinished.check(checkpoints, identity)
         if reached is not None:
-            resumed = True
             console.print(f"continues from {checkpoints}: {reached}")
 
     from train.pipeline import train_all
@@ -76,23 +75,15 @@ def train(
     # Ten iterations of the longer unroll may take half a minute on a busy machine, so the averaging time is long.
     with go_on_with(lambda: advice(checkpoints)), progress("iterations", estimate_over=300.0) as report:
         show = TrainingProgress(report)
-        trained = train_all(
-            recording,
-            config,
-            output,
-            progress=show,
-            device=device,
-            resume=not restart,
-            chosen=chosen,
-            threads=threads,
-            notice=console.print,
-        )
+        how: dict[str, Any] = {"device": device, "resume": not restart, "chosen": chosen, "threads": threads}
+        trained = train_all(recording, config, output, progress=show, notice=console.print, **how)
+    stable = trained.ranking.stable or {}
     save_json(
         json_file,
         figures={
             "metrics": untyped(trained.metrics),
             "sensors": trained.sensors,
-            "stable": trained.ranking.stable or {},
+            "stable": stable,
             "phases": show.watch.figures(),
         },
         facts={
@@ -100,14 +91,13 @@ def train(
             "config": to_tree(config),
             "versions": trained.versions,
             "minutes": sum(one["min"] for one in show.watch.figures()),
-            "resumed": resumed,
+            "resumed": reached is not None,
         },
     )
     console.print(_metrics_table(trained.metrics))
-    stable = trained.ranking.stable or {}
     sets = ", ".join(f"{size}: {'yes' if same else 'no'}" for size, same in stable.items())
-    how = f"top sets identical over the repeats: {sets}" if sets else f"method: {trained.ranking.method}"
-    console.print(f"sensors: {', '.join(trained.sensors)}   {how}")
+    found = f"top sets identical over the repeats: {sets}" if sets else f"method: {trained.ranking.method}"
+    console.print(f"sensors: {', '.join(trained.sensors)}   {found}")
     console.print(f"wrote {output}")
 
 
@@ -116,11 +106,7 @@ def _metrics_table(metrics: "ModelMetrics") -> Table:
     table = Table("Cd, Cl", "R2", "L1/sigma", *ahead, title="test episodes; h = n: L1/sigma n steps ahead")
     for name, part in (("teacher", metrics.teacher), ("slim", metrics.slim), ("deployed", metrics.deployed)):
         if part is not None:
+            r2, l1 = (part.drag.r2, part.lift.r2), (part.drag.l1_over_sigma, part.lift.l1_over_sigma)
             errors_ahead = (f"{item.drag:.2f} {item.lift:.2f}" for item in part.rollout)
-            table.add_row(
-                name,
-                f"{part.drag.r2:.3f} {part.lift.r2:.3f}",
-                f"{part.drag.l1_over_sigma:.3f} {part.lift.l1_over_sigma:.3f}",
-                *errors_ahead,
-            )
+            table.add_row(name, *(f"{of_drag:.3f} {of_lift:.3f}" for of_drag, of_lift in (r2, l1)), *errors_ahead)
     return table

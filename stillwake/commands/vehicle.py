@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     from firmware_sim.bench.real_time.vehicle_loop import Pressures, VehicleFigures
     from wake.plant.drive import Drive
 
-NO_COMMANDS: Final = 3
-"""Exit status of a run in which no usable command was received."""
-_RECORDING: Final = "recording"
 _USES: Final = ("body", "operating_point", "flow", *REAL_BUS, "bus.key", "ecu", "vehicle")
 
 PlantName = Annotated[Literal["recording", "wake"], typer.Option("--plant", help="Only the wake responds to jets.")]
@@ -37,7 +34,7 @@ PlantName = Annotated[Literal["recording", "wake"], typer.Option("--plant", help
 
 def vehicle(
     bundle: shared.Bundle = None,
-    plant: PlantName = _RECORDING,
+    plant: PlantName = "recording",
     dataset: shared.DataSet = None,
     episode: Annotated[str | None, typer.Option(help="Episode of the recording; see above.")] = None,
     state: shared.State = None,
@@ -114,11 +111,10 @@ def vehicle(
     if is_stopped and periods is not None and figures.periods < periods:
         raise KeyboardInterrupt
     if figures.commands == 0:
-        raise typer.Exit(NO_COMMANDS)
+        raise typer.Exit(3)
 
 
 def _check_plant(*, live: bool, **given: object) -> None:
-    """Raise ConfigError if the user gave an option that has no effect with the chosen plant."""
     for name in ("dataset", "episode") if live else ("state", "drive"):
         if given[name] is not None:
             why = "does not go with --plant wake" if live else "needs --plant wake: a recording cannot be changed"
@@ -148,15 +144,9 @@ def _run(
             def show(figures: "VehicleFigures") -> None:
                 report("vehicle", figures.periods, course.periods, note_of(figures))
 
+            sensors, tell = release.manifest.sensors, console.print
             figures = run_vehicle(
-                bus,
-                release.manifest.sensors,
-                pressures,
-                config,
-                course,
-                is_stopped=is_stopped,
-                report=console.print,
-                progress=show,
+                bus, sensors, pressures, config, course, is_stopped=is_stopped, report=tell, progress=show
             )
             show(figures)
         return figures, pressures.description, is_stopped()
@@ -208,11 +198,9 @@ def _live(stack: ExitStack, config: Config, state: Path | None, drive: "Drive | 
             report("wake settles on this grid", round(t, 1), total)
 
         wake = stack.enter_context(LiveWake(config, state, settling, drive))
-    flow = config.flow
-    warning = wake.speed.check(config.period_ns / 1e6, refinement=flow.refinement, substeps=flow.substeps)
-    console.print(
-        f"the wake takes {wake.speed.typical_ms:.1f} ms for a control period, at worst {wake.speed.worst_ms:.1f} ms"
-    )
+    flow, speed = config.flow, wake.speed
+    warning = speed.check(config.period_ns / 1e6, refinement=flow.refinement, substeps=flow.substeps)
+    console.print(f"the wake takes {speed.typical_ms:.1f} ms for a control period, at worst {speed.worst_ms:.1f} ms")
     if warning is not None:
         console.print(warning, style="yellow")
     return wake

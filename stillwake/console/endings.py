@@ -64,7 +64,9 @@ def _status_of(command: Callable[[], object]) -> int:
         command()
     except SystemExit as stop:
         # typer ends with SystemExit, also after Ctrl-C.
-        return _stopped() if stop.code == INTERRUPTED else _code(stop)
+        if isinstance(stop.code, str):
+            return _fail(stop.code)
+        return _stopped() if stop.code == INTERRUPTED else stop.code or 0
     except KeyboardInterrupt:
         return _stopped()
     except StillwakeError as error:
@@ -122,9 +124,3 @@ def _fail(line: str, *, status: int = 1, prefix: str = "error: ") -> int:
 def _reason(error: OSError) -> str:
     text = error.strerror or str(error) or type(error).__name__
     return text if error.filename is None else f"{os.fsdecode(error.filename)}: {text}"
-
-
-def _code(stop: SystemExit) -> int:
-    if isinstance(stop.code, int):
-        return stop.code
-    return 0 if stop.code is None else _fail(str(stop.code))

@@ -5,22 +5,21 @@ from typing import Final
 
 from contract.errors import StillwakeError
 
-_RUN: Final = {"--start": "--state", "--trust": "stillwake bundle inspect --trust"}
+_TRUST: Final = "stillwake bundle inspect --trust"
+_RUN: Final = {"--start": "--state", "--trust": _TRUST}
 OLD: Final[Mapping[str, Mapping[str, str]]] = {
     "": {"--config": "--set FILE.toml"},
     "run": _RUN
     | {"--fault": "--disturb", "--fault-seed": "--seed", "--clock-mhz": "--ecu mcu@NUMBER"}
     | {"--ecu cortex-m7": "--ecu mcu", "--ecu cortex-m7-board": "--ecu mcu", "--plant stillwake": "--plant wake"},
     "report": {"--picture": "--output", "--csv": "--output"},
-    "campaign": {
-        **{"--trust": _RUN["--trust"], "--scheduler": "--workers ADDRESS", "--quick": "--phases 1 --controlled 40"}
-    },
+    "campaign": {"--trust": _TRUST, "--scheduler": "--workers ADDRESS", "--quick": "--phases 1 --controlled 40"},
     "vehicle": _RUN
     | {"--live": "--plant wake", "--enable-after": "--lead-in", "--slow-down": "--set operating_point.speed=NUMBER"},
     "bench serve": {"": "stillwake live"},
     "live": _RUN | {"--controller": "--ecu", "--enable-after": "--lead-in"},
     "bench latency": {"": "stillwake latency"},
-    "latency": {"--trust": _RUN["--trust"]},
+    "latency": {"--trust": _TRUST},
     "ecu": {"--processor": "taskset --cpu-list NUMBER stillwake ecu"},
     "ecu board": {"": "stillwake ecu --mcu FILE"},
     "ecu info": {"": "stillwake diagnose"},
@@ -33,7 +32,7 @@ OLD: Final[Mapping[str, Mapping[str, str]]] = {
     "bundle keygen": {"": "stillwake keygen"},
     "bundle keylist": {"--show": "stillwake bundle inspect FILE", "--root": "--key"},
     "bundle renew": {"--sensors": "--dataset"},
-    "bundle diff": {"--trust": "stillwake bundle inspect --trust"},
+    "bundle diff": {"--trust": _TRUST},
     "can keygen": {"": "stillwake keygen --secret"},
     "can monitor": {"--log": "stillwake can monitor FILE"},
     "dataset check": {"": "stillwake dataset inspect"},

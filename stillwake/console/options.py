@@ -80,9 +80,7 @@ def names_in(text: str | None) -> tuple[str, ...] | None:
     return None if text is None else tuple(name.strip() for name in text.split(","))
 
 
-def pairs(
-    texts: list[str], example: str, names: tuple[str, ...] = (), *, repeated: bool = False
-) -> list[tuple[str, str]]:
+def pairs(texts: list[str], like: str, names: tuple[str, ...] = (), *, repeated: bool = False) -> list[tuple[str, str]]:
     """Split each text NAME=VALUE. Raises ConfigError for a text of another form, for a name that is not in `names`
     (unless this is empty), and for a name that is given twice unless `repeated`."""
     found: list[tuple[str, str]] = []
@@ -90,7 +88,7 @@ def pairs(
         name, separator, value = (part.strip() for part in text.partition("="))
         if not (name and separator and value) or (names and name not in names):
             of = f" with a name of {', '.join(names)}" if names else ""
-            raise ConfigError(f"{text!r}: must be NAME=VALUE{of}, such as {example}")
+            raise ConfigError(f"{text!r}: must be NAME=VALUE{of}, such as {like}")
         if not repeated and name in dict(found):
             raise ConfigError(f"{name}={value}: {name} is given twice")
         found.append((name, value))
@@ -98,13 +96,8 @@ def pairs(
 
 
 def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> int:
-    """Return the number of control periods in a duration. Raises ConfigError if the duration is not finite, too short,
-    or above `_LONGEST`.
-
-    Args:
-        duration, period: the duration and the control period, in t_c.
-        least: smallest number of control periods that is accepted.
-    """
+    """Return the number of control periods in a duration; both are in t_c. Raises ConfigError if the duration is not
+    finite, shorter than `least` control periods, or above `_LONGEST`."""
     if not (isfinite(duration) and duration <= _LONGEST):
         raise ConfigError(f"{option} {duration:g}: must be a number of t_c up to {_LONGEST:g}")
     steps = round(duration / period)
@@ -118,17 +111,13 @@ def workers_of(text: str | None) -> dict[str, Any]:
     """Return the arguments `workers` and `scheduler` for the value of `--workers`. The value is a number of processes
     (default: one per core) or a scheduler's address. Raises ConfigError for another text."""
     if text is None:
-        return {"workers": cores(), "scheduler": None}
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        return {"workers": cores, "scheduler": None}
     if ":" in text:
         return {"workers": 1, "scheduler": text}
     if not (text.isascii() and text.isdigit() and 0 < len(text) < 6 and int(text) > 0):
         raise ConfigError(f"--workers {text}: must be a number of processes, or an address such as tcp://10.0.0.1:8786")
     return {"workers": int(text), "scheduler": None}
-
-
-def cores() -> int:
-    """Return the number of processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def positive(option: str, value: float) -> float:

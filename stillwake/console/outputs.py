@@ -24,7 +24,6 @@ from contract.results import is_result, versions, write_result
 from stillwake.console.terminal import console, listed
 
 DATASET_SUFFIXES: Final = (".h5", ".hdf5")
-"""File name extensions of a data set."""
 _HELD: Final = ExitStack()
 _PLACES: Final = set[Path]()
 
@@ -100,7 +99,7 @@ def check_dataset_name(path: Path) -> None:
 
 
 def check_output(
-    path: Path, *, overwrite: bool | None, folder: bool = False, occupant: str = "", mark: str = ""
+    path: Path, *, overwrite: bool | None, folder: bool = False, occupant: str = "exists already", mark: str = ""
 ) -> None:
     """Check that an output can be written, and lock its path until the command ends. Raises OutputError if the output
     exists and must not be replaced, or another command writes to the path; StillwakeError if nothing can be written to
@@ -113,13 +112,11 @@ def check_output(
         mark: name of a file that every folder of this kind has; a folder without this file is never replaced.
     """
     claim(path, folder=folder)
-    if mark and folder and path.is_dir() and names_in(path) and not (path / mark).exists():
+    if mark and path.is_dir() and names_in(path) and not (path / mark).exists():
         raise OutputError(f"{path}: holds other files; name another folder")
     if not overwrite and path.exists() and not (folder and not names_in(path)):
-        there = occupant or "exists already"
-        if overwrite is None:
-            raise OutputError(f"{path}: {there}; give another name")
-        raise OutputError(f"{path}: {there}; give --overwrite to replace it, or another name")
+        remedy = "give another name" if overwrite is None else "give --overwrite to replace it, or another name"
+        raise OutputError(f"{path}: {occupant}; {remedy}")
 
 
 def check_apart(*paths: Path | None) -> None:

@@ -24,7 +24,7 @@ from rich.progress import (
 from rich.text import Text
 
 from stillwake.console.stopping import still_wanted
-from stillwake.console.terminal import console as usual_console
+from stillwake.console.terminal import console as usual
 
 SELDOM: Final = 0.1
 """Shortest time in s between two shown reports of a task, and from the task's start to its first shown report. Drawing
@@ -33,8 +33,6 @@ INTERVAL: Final = 30.0
 """Longest time in s between two printed lines. After a longer time a user may think that the command hangs."""
 _HARDLY: Final = 1e-9
 """A part of a step that is too small to be seen in the count."""
-_DAYS: Final = 100.0 * 3600.0
-"""Time in s from which a span is shown in days instead of hours."""
 
 
 class ProgressBar(Progress):
@@ -117,12 +115,11 @@ class ProgressLines(Progress):
         while not self._ended.wait(self._interval / 4.0):
             with self._lock:
                 shown = self._latest if self._latest is not None else next(reversed(self._tasks), None)
-                if shown is not None and self.get_time() - self._silent_since(shown) >= self._interval:
-                    self._print(self._tasks[shown])
-
-    def _silent_since(self, shown: TaskID) -> float:
-        began = self._tasks[shown].start_time
-        return max((at for at, _ in self._lines.values()), default=inf if began is None else began)
+                if shown is not None:
+                    began = self._tasks[shown].start_time
+                    silent_since = max((at for at, _ in self._lines.values()), default=inf if began is None else began)
+                    if self.get_time() - silent_since >= self._interval:
+                        self._print(self._tasks[shown])
 
     def _print(self, task: Task) -> None:
         self._latest = task.id
@@ -146,15 +143,9 @@ class Report:
         self._visible = set[str]()
 
     def __call__(self, task: str, done: float, total: float | None = None, note: str = "", *, unit: str = "") -> None:
-        """Show the progress of a task. Raises KeyboardInterrupt if the exception of a signal was lost.
-
-        Args:
-            task: name of the task.
-            done: number of steps done so far.
-            total: number of steps of the whole task; None if it is not known yet.
-            note: text at the end of the line.
-            unit: unit of this task's steps, if it is not the display's unit.
-        """
+        """Show the progress of a task with this name: the numbers of steps done so far and of the whole task, None if
+        it is not known yet, and a note at the end of the line. `unit` is the unit of this task's steps, if it is not
+        the display's unit. Raises KeyboardInterrupt if the exception of a signal was lost."""
         still_wanted()
         changes: dict[str, Any] = {"completed": done, "total": total, "note": note}
         now = self._clock()
@@ -186,23 +177,11 @@ class Report:
 
 @contextmanager
 def progress(
-    unit: str,
-    *,
-    estimate_over: float = 30.0,
-    console: Console = usual_console,
-    clock: Callable[[], float] = time.monotonic,
+    unit: str, *, estimate_over: float = 30.0, console: Console = usual, clock: Callable[[], float] = time.monotonic
 ) -> Iterator[Report]:
-    """Yield a report that shows a bar, a count in `unit`, the time left and a note. Without a terminal, the report
-    prints lines of text instead.
-
-    Nothing is shown before the first report, so that an error at the start is shown without a bar.
-
-    Args:
-        unit: unit of the counts, in the plural.
-        estimate_over: time in s over which the speed is averaged to estimate the time left.
-        console: console on which the progress is shown.
-        clock: function that returns the time in s.
-    """
+    """Yield a report that shows a bar, a count in `unit` (a plural), the time left and a note. Without a terminal, the
+    report prints lines of text instead. Nothing is shown before the first report, so that an error at the start is
+    shown without a bar. The speed is averaged over `estimate_over` seconds to estimate the time left."""
     kind = ProgressBar if console.is_interactive else ProgressLines
     with kind(console=console, estimate_over=estimate_over, clock=clock) as bar:
         report = Report(bar, unit, clock)
@@ -240,7 +219,7 @@ def line_of(task: Task) -> str:
 
 def span(seconds: float) -> str:
     """Return a time as text: 45 s, 3 min 20 s, 2 h 5 min, 12 days."""
-    if seconds >= _DAYS:
+    if seconds >= 100 * 3600:
         return f"{seconds / 86400.0:.3g} days"
     whole = round(seconds)
     if whole < 60:

@@ -20,8 +20,6 @@ VIRTUAL_BUS: Final = (*_FRAMES[2:], "bus.e2e", "bus.key", "bus.background")
 """Settings of the bus that a run in virtual time reads."""
 COST_WEIGHTS: Final = "mpc.weights"
 """The section of settings that a released controller reads as an input."""
-_BUS: Final = ("bus.interface", "bus.channel")
-"""Settings that the option `--bus` sets."""
 
 
 def read_settings(given: Sequence[str], *, base: Config | None = None) -> Loaded:
@@ -34,17 +32,10 @@ def read_settings(given: Sequence[str], *, base: Config | None = None) -> Loaded
 
 
 def settings(verb: str, given: Sequence[str], *, uses: Sequence[str], base: Config | None = None) -> Loaded:
-    """Return the settings for one call of a command.
-
-    A single setting that the command does not use is refused. A file of settings may be meant for several commands, so
-    its unused settings are only listed in one line. Raises ConfigError as `load` does, or for a single setting that
-    would have no effect.
-
-    Args:
-        given: the texts of `--set`.
-        uses: sections or single settings that the command reads, such as "flow" or "mpc.weights".
-        base: the settings that `--set` changes; None means the release's settings.
-    """
+    """Return the settings for one call of a command with the `--set` texts `given`. `uses` are the sections or single
+    settings that the command reads, such as "flow" or "mpc.weights"; `base` are the settings that `--set` changes, None
+    for the release's settings. A file of settings may be meant for several commands, so its unused settings are only
+    listed in one line. Raises ConfigError as `load` does, or for a single setting that would have no effect."""
     loaded = read_settings(given, base=base)
     unused = sorted(name for name in loaded.in_overrides if not _is_used(name, uses))
     if unused:
@@ -64,10 +55,10 @@ def with_bus(bus: str | None, given: Sequence[str]) -> list[str]:
     interface, colon, channel = bus.partition(":")
     if not (interface and colon and channel):
         raise ConfigError(f"--bus {bus}: must be INTERFACE:CHANNEL, e.g. socketcan:can0 or udp_multicast:239.74.163.2")
-    for name in _BUS:
+    for name in ("bus.interface", "bus.channel"):
         if any(text.partition("=")[0].strip() == name for text in given):
             raise ConfigError(f"--bus {bus}: already sets {name}; leave out --set {name}")
-    return [*given, *(f"{name}={value}" for name, value in zip(_BUS, (interface, channel), strict=True))]
+    return [*given, f"bus.interface={interface}", f"bus.channel={channel}"]
 
 
 def _is_used(name: str, uses: Sequence[str]) -> bool:

@@ -33,13 +33,9 @@ A2L: Final = "stillwake.a2l"
 
 def ecu_files(release: Bundle, rows: Array, *, config: Config, notice: Callable[[str], None]) -> dict[str, bytes]:
     """Return the files of the ECU in C for a release, by name, with examples and descriptions; empty if the ECU in C
-    cannot run the release.
-
-    Args:
-        rows: recorded pressures of S sensors and action in n control periods, (n, S + 1). An example program replays
-            the pressures.
-        notice: called with a line for each part that the ECU lacks, or with the reason why there is no ECU.
-    """
+    cannot run the release. An example program replays the pressures in `rows`, recorded pressures of S sensors and
+    action in n control periods, (n, S + 1). `notice` is called with a line for each part that the ECU lacks, or with
+    the reason why there is no ECU."""
     from ecu.c.sources import example_sources, firmware_sources
     from ecu.in_c import uds_settings
     from ecu.in_c.c_examples import PLAYED, played_pressures
@@ -71,12 +67,8 @@ def descriptions(release: Bundle, config: Config) -> dict[str, bytes]:
     check_vehicle(release, config)
     segment = Segment(release_calibration(release, config), limits_of(release, config))
     a2l = a2l_text(segment, release=release.manifest.name, bus=config.bus, period_ns=config.period_ns)
-    return {
-        "stillwake.dbc": dbc_bytes(),
-        A2L: a2l.encode(),
-        "stillwake.pdx": pdx(config.bus, BECAUSE),
-        SEED_AND_KEY: seed_and_key(),
-    }
+    others = {"stillwake.pdx": pdx(config.bus, BECAUSE), SEED_AND_KEY: seed_and_key()}
+    return {"stillwake.dbc": dbc_bytes(), A2L: a2l.encode()} | others
 
 
 def c_library(folder: Path, config: Config, notice: Callable[[str], None], *, billed: bool = True) -> "CLibrary":
@@ -154,13 +146,10 @@ def _without_check(release: Bundle, config: Config, notice: Callable[[str], None
     """Return the settings, without the sensor check if the ECU in C cannot run it. Without an estimator in the release,
     the ECU in Python cannot run the check either."""
     check, manifest = config.ecu.sensor_check, release.manifest
-    if not check.enabled:
+    has_estimator = manifest.sensor_estimator is not None
+    if not check.enabled or (has_estimator and manifest.precision == "int8"):
         return config
-    if manifest.sensor_estimator is None:
-        why = "the release has no estimator (--estimator)"
-    elif manifest.precision != "int8":
-        why = "its estimator needs the integer products of an int8 library (--precision int8)"
-    else:
-        return config
+    of_precision = "its estimator needs the integer products of an int8 library (--precision int8)"
+    why = of_precision if has_estimator else "the release has no estimator (--estimator)"
     notice(f"the ECU in C does not check the sensors: {why}")
     return replace(config, ecu=replace(config.ecu, sensor_check=replace(check, enabled=False)))

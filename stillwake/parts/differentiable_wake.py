@@ -21,15 +21,10 @@ def differentiable_wake(
     config: Config, sensors: Sequence[str], start: Path | None, progress: Callable[[float, float], None]
 ) -> tuple[DifferentiableWake, list[FlowState]]:
     """Return the plant that a refinement simulates, on the refinement's mesh, and developed wakes in different phases,
-    from which its parallel simulations start (`refine.streams`). Raises PlantError if the wake in `start` has another
-    body, Reynolds number or mesh, or if the flow diverges.
-
-    Args:
-        start: file with a developed wake on the default mesh. If None, the wake is the truck's shipped wake or, for
-            another body, a wake that was started from rest.
-        progress: called with the simulated time and the duration, both in t_c, while the wake settles on the
-            refinement's mesh.
-    """
+    from which its parallel simulations start (`refine.streams`). `start` is a file with a developed wake on the default
+    mesh; None means the truck's shipped wake or, for another body, a wake that is started from rest. `progress` is
+    called with the simulated time and the duration, both in t_c, while the wake settles on the refinement's mesh.
+    Raises PlantError if the wake in `start` has another body, Reynolds number or mesh, or if the flow diverges."""
     wake = wake_of(config, sensors)
     plant = wake.plant
     _develop(plant, start, progress)

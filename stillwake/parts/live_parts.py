@@ -36,14 +36,9 @@ _TOLD_EVERY: Final = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class LiveParts:
-    """The parts of one live loop; the process of the loop gets this object at its start.
-
-    Attributes:
-        bundle: release bundle; None means the shipped bundle.
-        library: C library of the bundle; if None, the library of the shipped bundle is made when it is needed.
-        state: initial state of the flow; None means the shipped state.
-        lead_in: time in t_c until control is requested.
-    """
+    """The parts of one live loop; the process of the loop gets this object at its start. Without a bundle or a state,
+    the shipped one is used; without a library, the library of the shipped bundle is made when it is needed. `lead_in`
+    is the time in t_c until control is requested."""
 
     bundle: Path | None
     library: Path | None

@@ -16,6 +16,18 @@ def _kernels(shared_wake: TruckWake) -> None:
 
 
 @pytest.fixture
+def printed(cli) -> Callable[..., str]:
+    """Run a command that succeeds and has nothing to say on stderr; return what it printed."""
+
+    def run(*arguments: object) -> str:
+        outcome = cli(*arguments)
+        assert (outcome.code, outcome.err) == (0, ""), arguments
+        return str(outcome.out)
+
+    return run
+
+
+@pytest.fixture
 def refused(cli, tmp_path) -> Callable[..., str]:
     """Run it, see that it fails as it should and leaves `tmp_path` as it was; return the line."""
 

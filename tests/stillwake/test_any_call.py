@@ -25,10 +25,8 @@ from docs import command_line
 
 ROUNDS = int(os.environ.get("STILLWAKE_CALLS", "3"))
 """Calls of each verb. They are the same in every test run; STILLWAKE_CALLS=500 makes as many more."""
-RUNS = 12
-"""Calls of the flow solver until the work counts as begun: a start from rest takes some of them."""
-CONTINUED = (".parts", ".checkpoints")
-"""What a stopped command keeps, to go on from."""
+RUNS = 12  # calls of the flow solver until the work counts as begun: a start from rest takes some of them
+CONTINUED = (".parts", ".checkpoints")  # what a stopped command keeps, to go on from
 BEGINNINGS = (
     *("train.pipeline.fit_joint", "train.refinement.pipeline.refine", "export.release.pipeline.rounded_on"),
     *("export.release.pipeline.lower", "firmware_sim.mcu.measure.compile_for_cortex_m7"),

@@ -113,10 +113,8 @@ def test_the_page_of_flashing_leads_from_the_first_key_to_the_revocation_of_one(
 def bytes_by_hand(folder: Path) -> list[list[int]]:
     """What the page's lines print for the header of equipment."""
     lines = re.findall(r"^    ((?:openssl pkey|sed|tail) .*)$", PAGE.read_text(), re.MULTILINE)
-    printed = [
-        subprocess.run(["sh", "-ec", line], cwd=folder, capture_output=True, text=True, check=True) for line in lines
-    ]
-    return [[int(one, 16) for one in re.findall("0x(..)", done.stdout)] for done in printed]
+    ran = [subprocess.run(["sh", "-ec", one], cwd=folder, capture_output=True, text=True, check=True) for one in lines]
+    return [[int(one, 16) for one in re.findall("0x(..)", done.stdout)] for done in ran]
 
 
 @pytest.mark.processes

@@ -35,13 +35,15 @@ def bus() -> BusConfig:
 
 
 @pytest.fixture
-def call(cli, bus, tmp_path):
+def to(bus, tmp_path):
+    """The words that name the bus and its ECU's key."""
     write_key(tmp_path / "access.key", SECRET)
+    return ("--bus", f"virtual:{bus.channel}", "--access", tmp_path / "access.key")
 
-    def call(*options, release=BUNDLE):
-        return cli("flash", release, "--bus", f"virtual:{bus.channel}", "--access", tmp_path / "access.key", *options)
 
-    return call
+@pytest.fixture
+def call(cli, to):
+    return lambda *options, release=BUNDLE: cli("flash", release, *to, *options)
 
 
 @pytest.fixture
@@ -116,14 +118,13 @@ def test_what_the_ecu_would_refuse_is_not_sent(flash, ecu, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_same_command_goes_on_behind_its_key_list(cli, bus, tmp_path):
-    write_key(tmp_path / "access.key", SECRET)
+def test_the_same_command_goes_on_behind_its_key_list(call, bus, tmp_path):
     (tmp_path / "keys.list").write_bytes(keys(3, RELEASE, SECOND))
-    memory, more = provisioned(), ("--bus", f"virtual:{bus.channel}", "--access", tmp_path / "access.key")
+    memory = provisioned()
     for had in (1, 3):
         # The project's key is in neither list; a reset between both calls makes the ECU forget what a tester sent.
         with served(StoreEcu(lambda: memory), bus):
-            outcome = cli("flash", BUNDLE, "--keys", tmp_path / "keys.list", *more)
+            outcome = call("--keys", tmp_path / "keys.list")
         assert f"the ECU has key list 3, and had {had}\n" in outcome.out and outcome.code == 6
         assert "is signed by a key that is not in this ECU's list" in outcome.err
 
@@ -147,18 +148,16 @@ def test_ctrl_c_leaves_what_was_sent(flash, ecu, monkeypatch):
 def test_what_cannot_begin(call, flash, all_refused, bus, monkeypatch):
     must_be = "must be INTERFACE:CHANNEL"
     words = ("flash", BUNDLE, "--bus", f"virtual:{bus.channel}")
-    all_refused(
-        (*words, "--access", "access.key"),
-        {
-            "--bus can0": f"--bus can0: {must_be}",
-            "--bus virtual:": must_be,
-            "--bus virtual:x --set bus.channel=y": "already sets bus.channel; leave out --set bus.channel",
-            "--bus simulated:x": "bus.interface = simulated: it runs in virtual time",
-            "--set ecu.hold_periods=2": "`flash` does not use it",
-            "--access missing.key": "missing.key",
-            "--trust missing.pub": "missing.pub",
-        },
-    )
+    rows = {
+        "--bus can0": f"--bus can0: {must_be}",
+        "--bus virtual:": must_be,
+        "--bus virtual:x --set bus.channel=y": "already sets bus.channel; leave out --set bus.channel",
+        "--bus simulated:x": "bus.interface = simulated: it runs in virtual time",
+        "--set ecu.hold_periods=2": "`flash` does not use it",
+        "--access missing.key": "missing.key",
+        "--trust missing.pub": "missing.pub",
+    }
+    all_refused((*words, "--access", "access.key"), rows)
     all_refused(words, {"": "--access: must name the ECU's key file", "--dry-run --keys k": "--access: must name"})
     all_refused(
         "flash",
@@ -178,26 +177,21 @@ def test_what_cannot_begin(call, flash, all_refused, bus, monkeypatch):
     ends(call(), 1, "pip install '.[flash]' in a checkout")
 
 
-def test_a_newer_key_list_is_taken_and_nothing_else(cli, refused, bus, tmp_path):
-    write_key(tmp_path / "access.key", SECRET)
+def test_a_newer_key_list_is_taken_and_nothing_else(cli, refused, bus, to, tmp_path):
     memory, path = provisioned(), tmp_path / "keys.list"
-    ecu = StoreEcu(lambda: memory)
-    more = ("--bus", f"virtual:{bus.channel}", "--access", tmp_path / "access.key")
+    ecu, call = StoreEcu(lambda: memory), ("flash", "--keys", path, *to)
     with served(ecu, bus):
         path.write_bytes(keys(3, RELEASE, SECOND))
         (tmp_path / "a.swi").write_bytes(unsigned_image())
-        for options, words in (
-            (("none",), "none"),
-            ((tmp_path / "a.swi", "--trust", "project"), "must be signed by key"),
-        ):
-            assert words in refused("flash", *options, "--keys", path, *more)
-        assert cli("flash", "--keys", path, *more).out == "the ECU has key list 3, and had 1\n"
+        assert "none" in refused(*call, "none")
+        assert "must be signed by key" in refused(*call, tmp_path / "a.swi", "--trust", "project")
+        assert cli(*call).out == "the ECU has key list 3, and had 1\n"
         # An older one, one without the key of the confirmed release, one of another root key.
         for raw in (keys(2, RELEASE), keys(4, SECOND), keys(5)[:-1]):
             path.write_bytes(raw)
-            assert "a version above 3" in refused("flash", "--keys", path, *more, status=6)
+            assert "a version above 3" in refused(*call, status=6)
     assert ecu.store.keys is not None and ecu.store.keys.version == 3
     for raw in (b"", bytes(4093)):
         path.write_bytes(raw)
-        assert "1 to 4092 bytes" in refused("flash", "--keys", path, *more)
-    assert "No such file" in refused("flash", "--keys", tmp_path / "none", *more)
+        assert "1 to 4092 bytes" in refused(*call)
+    assert "No such file" in refused("flash", "--keys", tmp_path / "none", *to)

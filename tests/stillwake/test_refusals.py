@@ -58,8 +58,8 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, random_release: Path)
         shutil.copytree(random_release, tmp_path / name)
     graph = tmp_path / "damaged" / "controller.onnx"
     graph.write_bytes(graph.read_bytes() + b" ")
-    for name, content in (("binary.toml", b"\x00\xff"), ("flat.toml", b"x=1"), ("state0", b"\x89HDF\r\n\x1a\n")):
-        (tmp_path / name).write_bytes(content)
+    (tmp_path / "flat.toml").write_text("x=1")
+    (tmp_path / "state0").write_bytes(b"\x89HDF\r\n\x1a\n")
     return tmp_path
 
 
@@ -69,8 +69,6 @@ BEFORE_THE_WORK = {
     "develop folder.npz": "cannot write folder.npz: it is a directory",
     "export model file/out": "cannot write file/out",
     "develop new.npz --steady --json folder": "cannot write folder: it is a directory",
-    "mcu library --json folder": "cannot write folder: it is a directory",
-    "run r --json folder": "cannot write folder: it is a directory",
     # Nothing is replaced unless it was asked for.
     "develop s.npz": "s.npz: exists already; give --overwrite to replace it, or another name",
     "train model": "model: holds a model already; give --overwrite",
@@ -84,16 +82,11 @@ BEFORE_THE_WORK = {
     "export model b --set train.epochs=3": "--set train.epochs: ",
     "picture a.gif --set mpc.iterations=3": "--set mpc.iterations: ",
     "export nowhere b --set ecu": "section.key=value",
-    "run r --set ecu.compute_time_ms=abc": "ecu.compute_time_ms = 'abc': must be a number",
-    "export nowhere b --set ecu.hold_periods=-1": "ecu.hold_periods = -1: must be non-negative",
-    "record a.h5 --set binary.toml": "configuration binary.toml: is not UTF-8 text",
     "run r --set flat.toml": "no section",
     # Numbers, names and combinations that make no sense.
     "develop x.npz --duration nan": "--duration nan: must be a number of t_c",
     "develop x.npz --duration 0": "--duration 0: must be at least 0.2 t_c",
-    "picture a.gif --duration 1e300": "--duration 1e+300: must be a number of t_c",
     "picture a.gif --forcing sine:frequency=nan": "frequency must be a positive number",
-    "picture a.gif --forcing sine:amplitude=nan": "amplitude = nan: must be between",
     "picture a.gif --field mean": "a.gif: the mean flow is a still picture",
     "picture a.xyz": "a.xyz: must be a file ending in .png, .pdf, .svg, .gif, .webp",
     "picture a.png --duration 1": "--forcing are only for --field mean or an animation",
@@ -109,8 +102,6 @@ BEFORE_THE_WORK = {
     "train m --dataset nowhere.h5": "nowhere.h5: no such dataset",
     "export": "for the shipped bundle, give --c, --fmu, --image or",
     "export --c d --estimator": "for the shipped bundle, give --c, --fmu, --image or",
-    "export --c d --dataset other.h5": "for the shipped bundle, give --c, --fmu, --image or",
-    "export --c d --precision float32": "for the shipped bundle, give --c, --fmu, --image or",
     "export unsigned --for-testers d --name x": "for the shipped bundle, give --c, --fmu, --image or",
     "export model --c d": "for the shipped bundle, give --c, --fmu, --image or",
     "export --c d --set ecu.loss_window=65": "ecu.loss_window = 65: the ECU in C accepts at most 64",
@@ -129,16 +120,11 @@ BEFORE_THE_WORK = {
     "export --fmu bus,fmi2:a.fmu": "bus and fmi2: FMI 2.0 has no bus",
     "plant-fmu bus:a.fmu": "bus: must be one of fmi2",
     "export --fmu file/a.fmu": "cannot write file/a.fmu",
-    "plant-fmu file/a.fmu": "cannot write file/a.fmu",
     "plant-fmu a.fmu --set mpc.iterations=3": "--set mpc.iterations: ",
     "record a.h5 calm=5": "give --from-steady FILE as well",
     "record a.h5 --amplitudes 0.001 0.002": "give --from-steady FILE as well",
     "record a.h5 --episodes 2": "give --under BUNDLE or --from-steady",
-    "record a.h5 training=10 training=20": "training=20: training is given twice",
     "record a.h5 training=-5": "training=-5: must be a number of control steps",
-    "record a.h5 chirps=5": "'chirps=5': must be NAME=VALUE with a name of training",
-    "record a.h5 --workers 0": "--workers 0: must be a number of processes",
-    "report folder": "series.npz",
 }
 """Calls that are refused before anything slow is loaded or built, and what their line names."""
 WITH_THE_PLANT = {
@@ -147,8 +133,6 @@ WITH_THE_PLANT = {
     "record a.h5 training=10 --under unsigned": "training=STEPS does not go with --under",
     "record a.h5 --under unsigned --exploration -0.1": "exploration = -0.1: must be finite and at least 0",
     "record a.h5 --under unsigned --set flow.action_limit=0.05": "for action limit 0.075, but the flow has 0.05",
-    "record a.h5 --under unsigned --set forcing.exploration_time=0.0": "forcing.exploration_time = 0.0: must be posit",
-    "record a.h5 --under nowhere": "nowhere: no such directory",
     "record a.h5 --under damaged": "controller.onnx was altered",
     "record a.h5 chirp=5 --from-steady x.npz": "chirp=STEPS does not go with --from-steady: give calm=",
     "record a.h5 --from-steady x.npz --exploration 0.1": "--exploration: does not go with --from-steady",
@@ -158,12 +142,8 @@ WITH_THE_PLANT = {
     "record a.h5 --set flow.reynolds=1000": "start_re1000.npz --set flow.reynolds=1000` makes a file for --state",
     f"record a.h5 --from-steady {developed()}": "not the steady wake: velocities differ from their mirror image",
     "run r --plant openfoam": "needs OpenFOAM's icoFoam: install the Debian package `openfoam`",
-    "run r --bundle damaged": "controller.onnx was altered",
-    "run r --bundle unsigned --set operating_point.speed=20.0": "operating point",
     "mcu nowhere": "nowhere: No such file or directory",
-    "picture a.png --sensors upper_99": "unknown sensor 'upper_99'",
     "picture a.png --state state0": "state0 is not a flow state (damaged or not an NPZ file",
-    "picture a.gif --settle 30": "--settle 30.0: must be shorter than the run of 25 t_c",
 }
 """Calls that are refused by what they build or load."""
 

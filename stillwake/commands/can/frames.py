@@ -259,9 +259,7 @@ def _print_summary(found: "Summary", log: "CanLog") -> None:
     console.print(table)
     if found.unchecked_macs:
         console.print(f"{found.unchecked_macs} secured frames, MAC not checked: name the key with --set bus.key=FILE")
-    loads = ", ".join(
-        f"{name} {100 * load:.2f} %" if several else f"{100 * load:.2f} %" for name, load in found.loads.items()
-    )
+    loads = ", ".join(f"{f'{name} ' if several else ''}{100 * load:.2f} %" for name, load in found.loads.items())
     console.print(
         f"{found.frames} data frames, {found.remote} remote, {found.errors.total()} error frames"
         + (f" ({listed(found.errors)})" if found.errors else "")

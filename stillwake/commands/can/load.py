@@ -19,12 +19,8 @@ from stillwake.console.terminal import console
 if TYPE_CHECKING:
     from can_bridge.timing.bus_load import BusLoad, MessageLoad
 
-CAN_BE_LATE: Final = 3
-"""Exit status if a message can miss its deadline."""
 _OURS: Final = ("bus.nominal_bitrate", "bus.data_bitrate", "bus.frames", "bus.key")
 USES: Final = ("operating_point", "flow.control_period", "ecu.compute_time_ms", *_OURS, "bus.background")
-NAMED: Final = 5
-"""Largest number of late messages that the line below the table lists by name."""
 _HEADS: Final = ("id", "message", "bytes", "period", "jitter", "frame", "blocking", "response", "deadline", "met")
 
 
@@ -44,13 +40,11 @@ def load(
     check_json(json_file)
     config = settings("can load", given, uses=USES).config
     found = bus_load(config)
-    console.print(_table(found))
-    for line in _lines(found):
-        console.print(line)
+    _print(found)
     packages = ("stillwake", "cantools") if config.bus.background.dbc else ("stillwake",)
     save_json(json_file, figures=figures(found), facts=facts(config), packages=packages)
     if found.late:
-        raise typer.Exit(CAN_BE_LATE)
+        raise typer.Exit(3)
 
 
 def figures(found: "BusLoad") -> dict[str, Any]:
@@ -123,12 +117,12 @@ def _table(found: "BusLoad") -> Table:
     return table
 
 
-def _lines(found: "BusLoad") -> list[Text]:
-    lines = [Text(f"load: {100 * found.mean:.1f} % with random contents, {100 * found.worst:.1f} % at worst")]
+def _print(found: "BusLoad") -> None:
+    console.print(_table(found))
+    console.print(f"load: {100 * found.mean:.1f} % with random contents, {100 * found.worst:.1f} % at worst")
     if found.left_out:
-        lines.append(Text(f"left out: {', '.join(found.left_out)}"))
+        console.print(f"left out: {', '.join(found.left_out)}")
     if found.late:
         names = [one.message.name for one in found.late]
-        listed = ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
-        lines.append(Text(f"{len(names)} of {len(found.messages)} can be late: {listed}", style="bold red"))
-    return lines
+        listed = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
+        console.print(f"{len(names)} of {len(found.messages)} can be late: {listed}", style="bold red")

@@ -28,9 +28,6 @@ REFRESH_S = 0.1
 """Time between two drawings of the table, in s."""
 MOST_AT_ONCE = 2000
 """Largest number of frames read between two drawings, so that the table is also redrawn on a flooded bus."""
-OTHER_COLUMNS = 70
-"""Width in characters of all columns except the column of values, for the longest names and numbers."""
-
 STALE_S = 1.0
 """Age in s of a message's newest frame above which the message's row is drawn dim."""
 
@@ -125,10 +122,8 @@ def _follow(
 
 
 def _hear(bus: "RawBus", summary: "Summary", wait_s: float) -> None:
-    """Add the frames that have arrived to the summary; wait at most `wait_s` for the first frame.
-
-    Each frame is stamped with the time of its reading, because interfaces have different clocks, which may jump.
-    """
+    """Add the frames that have arrived to the summary; wait at most `wait_s` for the first frame. Each frame is stamped
+    with the time of its reading, because interfaces have different clocks, which may jump."""
     for i in range(MOST_AT_ONCE):
         message = bus.receive_message(wait_s if i == 0 else 0.0)
         if message is None:
@@ -138,12 +133,8 @@ def _hear(bus: "RawBus", summary: "Summary", wait_s: float) -> None:
 
 
 def screen(summary: "Summary", now_s: float, *, source: str, matching: str, width: int) -> RenderableType:
-    """Return the table with its heading.
-
-    Args:
-        now_s: present time in s, on the clock of the frames' time stamps.
-        source: description of the bus or the log from which the frames come.
-    """
+    """Return the table with its heading. `now_s` is the present time in s, on the clock of the frames' time stamps;
+    `source` describes the bus or the log from which the frames come."""
     return Group(_heading(summary, matching, source), _table(summary, matching, round(now_s * 1e9), width))
 
 
@@ -180,7 +171,7 @@ def _table(summary: "Summary", matching: str, now_ns: int, width: int) -> Table:
     from can_bridge.tools.raw_bus import id_text
     from can_bridge.tools.traffic import rows
 
-    value = min(24, max(10, width - OTHER_COLUMNS))
+    value = min(24, max(10, width - 70))  # the other columns take 70 characters with the longest names and numbers
     table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=0)
     table.add_column("message, signal", no_wrap=True, min_width=21)
     table.add_column("id, value", justify="right", no_wrap=True, min_width=10, max_width=value)
@@ -192,10 +183,9 @@ def _table(summary: "Summary", matching: str, now_ns: int, width: int) -> Table:
     for traffic, cells in rows(summary, matching=matching):
         age_s = traffic.age_ns(now_ns) / 1e9
         style = "dim" if age_s > STALE_S else ""
+        name = traffic.name or "unknown"
         table.add_row(
-            Text(
-                f"{traffic.channel} {traffic.name or 'unknown'}" if several else traffic.name or "unknown", style="bold"
-            ),
+            Text(f"{traffic.channel} {name}" if several else name, style="bold"),
             Text(id_text(traffic.latest), style="bold"),
             "",
             f"{age_s:.2f}",

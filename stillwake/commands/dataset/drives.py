@@ -34,8 +34,6 @@ USES: Final = ("operating_point", "bus.frames", "bus.key", "ecu.speed.oldest_ms"
 """Settings that are used to read a log of the bus."""
 FORCES_NAMES: Final = ("t", "Cd", "Cl")
 """Columns of a table of forces."""
-_COUNTED: Final = 10_000
-"""Number of frames between two reports of progress."""
 
 
 def zone_of(text: str) -> tzinfo | None:
@@ -55,10 +53,13 @@ def zone_of(text: str) -> tzinfo | None:
 
 
 def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
-    """Return each log with its file of forces. Raises DatasetError if a log has no file or two files, or if two files
-    are given without the name of a log."""
+    """Return each log with its file of forces. Raises DatasetError if a log is given twice or has no file or two files,
+    or if two files are given without the name of a log."""
     found: dict[Path, Path] = {}
     general: list[Path] = []
+    for path in logs:
+        if logs.count(path) > 1:
+            raise DatasetError(f"{path}: given twice, but an episode has one role: give two logs, or split this log")
     # Every run folder has a log named frames.log. If two logs share a name, only the whole path identifies a log.
     names = [log.name for log in logs]
     labels = {str(log): log for log in logs} | {log.name: log for log in logs if names.count(log.name) == 1}
@@ -110,6 +111,7 @@ class DriveReader:
         shift_s: time in s to add to the times of the forces.
         channels: channels to read from the logs; if empty, a log's channel is found from its frames.
         zone: time zone of logs whose times begin in local time; None if the user gave no zone.
+        forces: the file of forces of each log.
     """
 
     fill: int
@@ -123,9 +125,10 @@ class DriveReader:
     loaded: Loaded
     facts: PlantFacts
     layout: SensorLayout
+    forces: Mapping[Path, Path]
 
     def read(
-        self, path: Path, name: str, role: "Role", forces: Path, progress: Callable[[str], None]
+        self, path: Path, name: str, role: "Role", progress: Callable[[str], None]
     ) -> "tuple[list[EpisodeSource], LogSeries, CanLog]":
         """Read a log and its forces. Raises DatasetError, BusError or KeyFileError, with the file's name, for invalid
         content. `progress` is called with a text that states the file and the number of frames read so far."""
@@ -162,7 +165,8 @@ class DriveReader:
             key=read_key(Path(config.bus.key)) if config.bus.key else None,
         )
         _check_limit(path, series, scales)
-        return self._sources(path, name, role, self._forces(forces, series, log), series, scales.period), series, log
+        forces = self._forces(self.forces[path], series, log)
+        return self._sources(path, name, role, forces, series, scales.period), series, log
 
     def _sources(
         self, path: Path, name: str, role: "Role", forces: "ForcesTable", series: "LogSeries", period: float
@@ -296,5 +300,5 @@ def _counted(log: "CanLog", progress: Callable[[str], None]) -> "Iterator[can.Me
     progress(f"{log.path}")
     for number, message in enumerate(log, 1):
         yield message
-        if number % _COUNTED == 0:
+        if number % 10_000 == 0:
             progress(f"{log.path}: {number} frames")

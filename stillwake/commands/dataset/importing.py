@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Final, cast
 import typer
 
 from contract.config.loading import Loaded
-from contract.errors import ConfigError, DatasetError, OutputError
-from contract.recording.episode import ForcesClock
+from contract.errors import ConfigError, OutputError
+from contract.recording.episode import ForcesClock, PlantFacts
 from stillwake.commands.dataset import drives
 from stillwake.commands.dataset.inspecting import episodes_table, sensors_line
 from stillwake.console import options as shared
@@ -22,7 +22,6 @@ from stillwake.console.terminal import console
 
 if TYPE_CHECKING:
     from contract.recording.dataset import Dataset, Role
-    from contract.recording.episode import PlantFacts
 
 _ROLES: Final = ("train", "test", "extended", "controlled")
 _SAME: Final = 0.02
@@ -41,7 +40,6 @@ Renamed = Annotated[list[str], typer.Option("--map", help="Column with another n
 Forces = Annotated[list[str], typer.Option(help="Table with the Cd and Cl of logs (repeatable).", metavar="[LOG=]FILE")]
 Clock = Annotated[ForcesClock | None, typer.Option(help="Clock of the times in --forces; see above.")]
 Zone = Annotated[str, typer.Option(help="Zone of logs in local time: Europe/Berlin, +02:00.", show_default=False)]
-Split = Annotated[bool, typer.Option("--split", help="Begin a new episode after a gap longer than --fill.")]
 
 
 def import_(
@@ -57,7 +55,7 @@ def import_(
     log_zone: Zone = "",
     channel: Annotated[list[str], typer.Option(help="Channel of a log to read (repeatable).")] = [],  # noqa: B006
     fill: Annotated[int, typer.Option(help="Longest gap that is filled, in control periods.", min=0)] = 2,
-    split: Split = False,
+    split: Annotated[bool, typer.Option("--split", help="Begin a new episode after a gap longer than --fill.")] = False,
     overwrite: shared.Overwrite = False,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
@@ -93,20 +91,19 @@ def import_(
     from contract.recording.importing.csv_table import read_sensors
     from contract.recording.importing.source_file import references_of
 
-    roles = roles_of(files or [])
-    _check_places(output, [*(path for path, _ in roles), layout], overwrite=overwrite)
+    roles, notes = roles_of(files or []), list[str]()
+    if os.path.realpath(output) in map(os.path.realpath, [layout, *(path for path, _ in roles)]):
+        raise OutputError(f"{output} is one of the files to read; give another name")
+    check_output(output, overwrite=overwrite)
+    check_dataset_name(output)
     references, renamed = references_of(reference), dict(shared.pairs(rename, "Cd=drag_coefficient"))
     logs = [path for path, _ in roles if is_log(path)]
-    for path in logs:
-        if logs.count(path) > 1:
-            raise DatasetError(f"{path}: given twice, but an episode has one role: give two logs, or split this log")
     zone, loaded = drives.zone_of(log_zone), settings("dataset import", given, uses=(*drives.USES, *_FLOW))
     only_logs = any((split, forces, forces_clock, forces_shift, channel, zone)) or loaded.in_overrides - set(_FLOW)
     if only_logs and not logs:
         raise ConfigError(
             "--forces, --split, --channel, --log-zone and settings outside flow are for CAN logs; no log is given"
         )
-    notes: list[str] = []
     reader = drives.DriveReader(
         fill=fill,
         split=split,
@@ -119,8 +116,9 @@ def import_(
         loaded=loaded,
         facts=_facts(loaded),
         layout=read_sensors(layout, symmetric=not asymmetric, told=_teller(notes)),
+        forces=drives.forces_of(logs, forces),
     )
-    made = _assembled(roles, reader, drives.forces_of(logs, forces), renamed, notes)
+    made = _assembled(roles, reader, renamed, notes)
     write(output, made)
     _print(made, notes)
     console.print(f"wrote {output}; next: stillwake dataset inspect {quote(str(output))}")
@@ -132,17 +130,7 @@ def roles_of(texts: list[str]) -> "list[tuple[Path, Role]]":
     return [(path, cast("Role", role)) for path, role in sorted(found, key=lambda one: _ROLES.index(one[1]))]
 
 
-def _check_places(output: Path, read: list[Path], *, overwrite: bool) -> None:
-    for path in read:
-        if os.path.realpath(output) == os.path.realpath(path):
-            raise OutputError(f"{output} is one of the files to read; give another name")
-    check_output(output, overwrite=overwrite)
-    check_dataset_name(output)
-
-
-def _facts(loaded: Loaded) -> "PlantFacts":
-    from contract.recording.episode import PlantFacts
-
+def _facts(loaded: Loaded) -> PlantFacts:
     flow = loaded.config.flow
     for name, example in (("flow.control_period", "0.2"), ("flow.action_limit", "0.075")):
         if name not in loaded.given:
@@ -157,25 +145,19 @@ def _teller(notes: list[str]) -> Callable[[Path, str], None]:
 
 
 def _assembled(
-    roles: "list[tuple[Path, Role]]",
-    reader: drives.DriveReader,
-    forces: dict[Path, Path],
-    renamed: dict[str, str],
-    notes: list[str],
+    roles: "list[tuple[Path, Role]]", reader: drives.DriveReader, renamed: dict[str, str], notes: list[str]
 ) -> "Dataset":
-    """Build the data set from all files and show the progress. `forces` gives each log's file of forces."""
     from contract.recording.importing.assemble import EpisodeSource, assemble
 
     sources: list[EpisodeSource] = []
-    names, is_local = drives.names_of(list(forces)), False
+    names, is_local = drives.names_of(list(reader.forces)), False
     with progress("files") as report:
         for number, (path, role) in enumerate(roles):
-            if path not in forces:
+            if path not in reader.forces:
                 sources.append(EpisodeSource(path=path, role=role))
                 continue
-            made, series, log = reader.read(
-                path, names[path], role, forces[path], partial(report, "reading", number, len(roles))
-            )
+            shown = partial(report, "reading", number, len(roles))
+            made, series, log = reader.read(path, names[path], role, shown)
             cp, own = reader.references.get("Cp"), series.dynamic_pressure
             if cp is not None and cp.unit == "Pa" and abs(cp.number / own - 1.0) > _SAME:
                 raise ConfigError(f"{cp.option}: Cp of {path} is computed with {own:g} Pa: correct one of these values")
@@ -185,7 +167,7 @@ def _assembled(
         if reader.zone is not None and not is_local:
             raise ConfigError(f"--log-zone {reader.zone}: no log begins in local time")
         # If all files are logs, --map renames t, Cd and Cl only in the files of forces.
-        only_logs = len(forces) == len(roles)
+        only_logs = len(reader.forces) == len(roles)
         places = {source.path: number for number, source in enumerate(sources)}
         return assemble(
             sources,

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -21,9 +21,6 @@ from stillwake.console.terminal import console
 if TYPE_CHECKING:
     from contract.recording.dataset import Dataset
     from contract.sensor_layout import SensorLayout
-
-_STEPS: Final = 200
-"""Number of control steps that are drawn, which cover eight shedding cycles of the truck."""
 
 AsSettings = Annotated[bool, typer.Option("--settings", help="Print settings for this data set, as TOML for --set.")]
 
@@ -148,13 +145,11 @@ def _draw(dataset: "Dataset", path: Path) -> None:
     if on_base.any():
         places.plot(x[on_base], y[on_base], "s", label="on the base")
     if len(layout) <= 40:
-        for name, at in zip(layout.names, layout.positions, strict=True):
-            places.annotate(
-                name, (at[0], at[1]), xytext=(3, 3), textcoords="offset points", fontsize=7, parse_math=False
-            )
+        for name, (a, b) in zip(layout.names, layout.positions, strict=True):
+            places.annotate(name, (a, b), xytext=(3, 3), textcoords="offset points", fontsize=7, parse_math=False)
     places.set(xlabel="x / W", ylabel="y / W", aspect="equal", title=f"{len(layout)} sensors")
     places.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
-    shown = slice(0, _STEPS)
+    shown = slice(0, 200)  # eight shedding cycles of the truck
     t = first.series["t"][shown]
     for axis, name in zip(axes[1:], ("action", "Cd", "Cl"), strict=True):
         axis.plot(t, first.series[name][shown])

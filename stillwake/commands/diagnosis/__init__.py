@@ -15,12 +15,7 @@ if TYPE_CHECKING:
 @contextmanager
 def asking(bus: BusConfig, access: Path | None = None) -> Iterator["Asking"]:
     """Open a tester's connection to the ECU on the bus. The access key is read from the file `access`; reading from the
-    ECU needs no key.
-
-    Raises:
-        BusError: the bus cannot be opened.
-        KeyFileError: the file has no valid key.
-    """
+    ECU needs no key. Raises BusError if the bus cannot be opened; KeyFileError if the file has no valid key."""
     from can_bridge.tester.asking import Asking
     from can_bridge.tester.transport import open_client
     from can_bridge.uds.security import AccessKey

@@ -101,12 +101,8 @@ def _from_folder(slots: Path) -> "tuple[dict[str, str | int], StoreReport]":
     folder = read_folder(slots)
     backing, fits = FolderBacking(slots), lambda bundle: Verdict.WRONG_VEHICLE
     store = Store(backing, root=folder.root, hardware=folder.hardware, fits=fits)
-    found: dict[str, str | int] = {
-        "serial_number": folder.serial,
-        "hardware": folder.hardware,
-        "root_key": folder.root.fingerprint,
-        "capacity": store.backing.capacity,
-    }
+    found: dict[str, str | int] = {"serial_number": folder.serial, "hardware": folder.hardware}
+    found |= {"root_key": folder.root.fingerprint, "capacity": store.backing.capacity}
     return found, report_of(store)
 
 
@@ -129,11 +125,10 @@ def _rows(report: "StoreReport") -> list[tuple[str, str]]:
     rows += [(name, "none" if slot is None else f"slot {slot.name}") for name, slot in names.items()]
     if report.reason is not None:
         rows.append(("at its last boot", report.reason.in_words))
-    rows.append(("least security version", str(report.least_security_version)))
-    rows.append(("key list", "none" if report.key_list_version is None else f"version {report.key_list_version}"))
+    keys = "none" if report.key_list_version is None else f"version {report.key_list_version}"
     attempts = ", ".join(f"{level.name.lower()} {count}" for level, count in report.failed_attempts.items())
-    rows.append(("wrong keys in a row", attempts))
-    return rows
+    rows += [("least security version", str(report.least_security_version)), ("key list", keys)]
+    return [*rows, ("wrong keys in a row", attempts)]
 
 
 def _table(found: "list[StoredFault]") -> Table:

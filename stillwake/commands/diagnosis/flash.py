@@ -116,7 +116,7 @@ def _bring_release(
     from can_bridge.uds.security import AccessKey
 
     name, image, release = opened
-    key = None if access is None else AccessKey.read(access)
+    key = None if access is None else AccessKey.read(access).answer
 
     def judge(facts: "EcuFacts") -> None:
         console.print(f"ECU {facts.serial_number}, {facts.hardware}: runs {_running(facts)}")
@@ -142,14 +142,7 @@ def _bring_release(
                 report("flash", *done, step.name.lower().replace("_", " "))
 
         flashed = flash_ecu(
-            client,
-            image,
-            key=None if key is None else key.answer,
-            dry_run=dry_run,
-            confirm=confirm,
-            judge=judge,
-            progress=show,
-            on_step=on_step,
+            client, image, key=key, dry_run=dry_run, confirm=confirm, judge=judge, progress=show, on_step=on_step
         )
     console.print(_ended(flashed, name) + _effort(flashed, len(image)))
 

@@ -22,15 +22,14 @@ def rows(text: str) -> dict[str, list[str]]:
     return {words[0]: words[1:] for words in lines if words and "." in words[0] and not words[0].startswith("[")}
 
 
-def test_every_setting_is_shown_with_its_value_unit_and_source(cli, tmp_path):
-    outcome = cli("config")
-    assert (outcome.code, outcome.err) == (0, "")
+def test_every_setting_is_shown_with_its_value_unit_and_source(printed, tmp_path):
+    out = printed("config")
     values = dict(leaves(to_tree(load_config())))
-    first = {name: words[0] for name, words in rows(outcome.out).items()}
+    first = {name: words[0] for name, words in rows(out).items()}
     assert first == {name: shown(value) for name, value in values.items()}
-    assert max(map(len, outcome.out.splitlines())) <= 80
+    assert max(map(len, out.splitlines())) <= 80
     (tmp_path / "mine.toml").write_text("[ecu]\nhold_periods = 2\n")
-    found = rows(cli("config", "--set", tmp_path / "mine.toml", "--set", "ecu.compute_time_ms=4.5").out)
+    found = rows(printed("config", "--set", tmp_path / "mine.toml", "--set", "ecu.compute_time_ms=4.5"))
     for name, words in (
         ("ecu.hold_periods", ["2", "1", "periods", "file"]),
         ("ecu.compute_time_ms", ["4.5", "8", "ms", "--set"]),
@@ -39,9 +38,9 @@ def test_every_setting_is_shown_with_its_value_unit_and_source(cli, tmp_path):
     ):
         assert found[name] == words
     paper = dict(leaves(to_tree(Config())))
-    assert set(rows(cli("config", "--changed").out)) == {name for name in values if values[name] != paper[name]}
+    assert set(rows(printed("config", "--changed"))) == {name for name in values if values[name] != paper[name]}
     (tmp_path / "paper.toml").write_text('base = "paper"\n')
-    assert cli("config", "--changed", "--set", tmp_path / "paper.toml").out == "all settings: as in the paper\n"
+    assert printed("config", "--changed", "--set", tmp_path / "paper.toml") == "all settings: as in the paper\n"
 
 
 def test_a_prefix_selects_and_explains(cli, refused):
@@ -54,15 +53,13 @@ def test_a_prefix_selects_and_explains(cli, refused):
     assert refused("config", "nonsense").startswith(unknown)
 
 
-def test_the_file_it_writes_gives_the_same_settings(cli, refused, tmp_path):
+def test_the_file_it_writes_gives_the_same_settings(printed, refused, tmp_path):
     asked = ["--set", "model.slim_decoder_width=64", "--set", 'bus.channel=C:\\x "y" [z]', "--set", "mpc.horizon=9"]
     path = tmp_path / "mine.toml"
     for options in ([], ["--changed"]):
-        outcome = cli("config", "--toml", *options, *asked)
-        assert (outcome.code, outcome.err) == (0, ""), options
-        path.write_text(outcome.out, encoding="utf-8")
+        path.write_text(printed("config", "--toml", *options, *asked), encoding="utf-8")
         assert load_config(path) == load_config(None, [word for word in asked if word != "--set"]), options
-    path.write_text(cli("config", "ecu", "--toml", "--set", "ecu.delay_steps=3").out, encoding="utf-8")
+    path.write_text(printed("config", "ecu", "--toml", "--set", "ecu.delay_steps=3"), encoding="utf-8")
     assert load_config(path) == load_config(None, ["ecu.delay_steps=3"])
     assert set(tomllib.loads(path.read_text())) == {"ecu"}
     # A file of one section modifies the release's settings, so these would be the release's again.

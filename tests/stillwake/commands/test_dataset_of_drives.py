@@ -50,10 +50,12 @@ class Place:
     folder: Path
     cli: Callable[..., Outcome]
 
-    def call(self, *words: object, log: object = None) -> Outcome:
+    def call(self, *words: object, log: object = None, status: int = 0) -> Outcome:
         given = self.folder / "drive.log" if log is None else log
         more = ("--layout", self.folder / "sensors.csv", *FACTS, *words)
-        return self.cli("dataset", "import", self.folder / "my.h5", f"train={given}", *more)
+        outcome = self.cli("dataset", "import", self.folder / "my.h5", f"train={given}", *more)
+        assert outcome.code == status, outcome.err
+        return outcome
 
     @property
     def episode(self) -> dataset.Episode:
@@ -88,15 +90,13 @@ def test_the_loops_own_capture_is_the_run_within_half_a_step(place, tmp_path, sh
     run = run_closed_loop(tmp_path / "run", release, config, spans, plant=coarse.plant())
     write_csv(tmp_path / "run.csv", run)
     write_sensors(tmp_path / "sensors.csv", release.manifest.sensors)
-    outcome = place.call("--forces", tmp_path / "run.csv", log=tmp_path / "run" / "frames.log")
-    assert outcome.code == 0, outcome.err
+    place.call("--forces", tmp_path / "run.csv", log=tmp_path / "run" / "frames.log")
     episode = place.episode
     # What the jets did in the run's first period was asked for before the log begins: the ECU plans a period ahead.
     assert len(episode) == 29
     assert np.ptp(run.series["action"]) > 0.01
-    np.testing.assert_allclose(
-        episode.series["Cp"], run.series["wall_Cp"][1:], atol=STEP["fd"] / 2 / PRESSURE + CP_QUANTUM / 2
-    )
+    half_a_step = STEP["fd"] / 2 / PRESSURE + CP_QUANTUM / 2
+    np.testing.assert_allclose(episode.series["Cp"], run.series["wall_Cp"][1:], atol=half_a_step)
     # The run's own series of actions is what the jets had reached at each sample: what was commanded one before.
     reached = run.series["action"][1:]
     np.testing.assert_allclose(episode.series["action"][:-1], reached[1:], atol=1e-4 / FLOW)
@@ -118,9 +118,8 @@ def test_a_log_of_any_kind_gives_the_drive_and_its_authentication_is_checked_wit
     for kind, suffix, more in (("secured", ".blf", ()), ("secured", ".blf", keyed), ("classic", ".log.gz", ())):
         one = drive(kind, 200, 2)
         log = write(place.folder / f"other{suffix}", log_of(one))
-        outcome = place.call("--forces", place.folder / "forces.csv", "--overwrite", *more, log=log)
-        assert outcome.code == 0, outcome.err
-        assert (unchecked in outcome.out) is (kind == "secured" and not more)
+        out = place.call("--forces", place.folder / "forces.csv", "--overwrite", *more, log=log).out
+        assert (unchecked in out) is (kind == "secured" and not more)
         episode = place.episode
         assert (episode.name, len(episode)) == ("other", 200)
         np.testing.assert_allclose(episode.series["Cp"], one.Cp, atol=CP_QUANTUM / 2)
@@ -135,36 +134,29 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused, place):
     write_sensors(place.folder / "three.csv", NAMES[:3])
     (place.folder / "table.csv").write_text("action\n0\n")
     call = ("dataset", "import", "my.h5", *FACTS)
-    all_refused(
-        (*call, "train=drive.log", "--layout", "sensors.csv"),
-        {
-            "": "a log has no drag and lift, which training needs: give them with --forces",
-            "--forces a.csv --forces b.csv": "--forces b.csv is a second file for all logs; write LOG=",
-            "--forces drive.log=forces.csv --forces drive.log=b.csv": "drive.log already has a file of forces",
-            "--forces missing.csv": "missing.csv: no such file",
-            "--forces dive.log=forces.csv": "no such file; LOG= must name one of drive.log",
-            "--forces drive.log": "drive.log: a table of forces must end in",
-            "--forces bare.csv": "state with --forces-clock how its times count",
-            "--forces forces.csv --forces-clock log": "the forces must cover these rows",
-            "--forces forces.csv --forces-shift 0.1": "must cover these rows; see --forces-clock and --forces-shift",
-            "--forces forces.csv --map Cd=drag": "no column 'drag' for the forces' table; the file has t [t_c], Cd, C",
-            "--forces forces.csv --set operating_point.speed=50": "20 ms apart, but the control period is 10 ms",
-            "--forces forces.csv --set mpc.horizon=3": "`dataset import` does not use it",
-            "--forces forces.csv --reference Cp=300Pa": "drive.log is computed with 375 Pa",
-            "--forces forces.csv --set flow.action_limit=0.01": "beyond flow.action_limit = 0.01",
-            "--forces forces.csv --channel can7": "drive.log: --channel can7: no such channel, only vcan0",
-            "--forces forces.csv --log-zone Mars": "--log-zone Mars: must be a name such as Europe/Berlin or UTC",
-            "--forces forces.csv --log-zone +02:00": "no log begins in local time",
-            "--forces forces.csv --set bus.frames=classic": "holds no pressure, PressureClassic (0x121)",
-        },
-    )
-    all_refused(
-        (*call, "--forces", "forces.csv"),
-        {
-            "train=gap.log --layout sensors.csv": "no pressures for 5 control periods at 2.000 s; --fill allows 2",
-            "train=drive.log --layout three.csv": "a Pressure message has 4 sensors, but --layout has 3",
-        },
-    )
+    rows = {
+        "": "a log has no drag and lift, which training needs: give them with --forces",
+        "--forces a.csv --forces b.csv": "--forces b.csv is a second file for all logs; write LOG=",
+        "--forces drive.log=forces.csv --forces drive.log=b.csv": "drive.log already has a file of forces",
+        "--forces dive.log=forces.csv": "no such file; LOG= must name one of drive.log",
+        "--forces drive.log": "drive.log: a table of forces must end in",
+        "--forces bare.csv": "state with --forces-clock how its times count",
+        "--forces forces.csv --forces-clock log": "the forces must cover these rows",
+        "--forces forces.csv --forces-shift 0.1": "must cover these rows; see --forces-clock and --forces-shift",
+        "--forces forces.csv --map Cd=drag": "no column 'drag' for the forces' table; the file has t [t_c], Cd, C",
+        "--forces forces.csv --set operating_point.speed=50": "20 ms apart, but the control period is 10 ms",
+        "--forces forces.csv --set mpc.horizon=3": "`dataset import` does not use it",
+        "--forces forces.csv --reference Cp=300Pa": "drive.log is computed with 375 Pa",
+        "--forces forces.csv --channel can7": "drive.log: --channel can7: no such channel, only vcan0",
+        "--forces forces.csv --log-zone Mars": "--log-zone Mars: must be a name such as Europe/Berlin or UTC",
+        "--forces forces.csv --log-zone +02:00": "no log begins in local time",
+    }
+    all_refused((*call, "train=drive.log", "--layout", "sensors.csv"), rows)
+    rows = {
+        "train=gap.log --layout sensors.csv": "no pressures for 5 control periods at 2.000 s; --fill allows 2",
+        "train=drive.log --layout three.csv": "a Pressure message has 4 sensors, but --layout has 3",
+    }
+    all_refused((*call, "--forces", "forces.csv"), rows)
     without = "are for CAN logs; no log is given"
     all_refused(
         (*call, "train=table.csv", "--layout", "sensors.csv"),
@@ -185,29 +177,26 @@ def test_a_log_that_begins_in_local_time_is_read_in_its_zone_or_the_zone_is_aske
     long = write_forces(place.folder / "long.csv", {name: np.append(at[name], later[name]) for name in at}, "t,Cd,Cl")
     clock = ("--forces-clock", "log", "--overwrite")
     for table, zones in ((true, "+02:00"), (long, "+00:00 and +02:00")):
-        asked = place.call("--forces", table, *clock, log=log)
         line = f"begins in local time of an unknown zone; the times of the forces fit the zones {zones}:"
-        assert (asked.code, f"drive.blf {line}" in asked.err) == (1, True)
+        assert f"drive.blf {line}" in place.call("--forces", table, *clock, log=log, status=1).err
         for zone in ("+02:00", "Europe/Helsinki"):
-            outcome = place.call("--forces", table, *clock, "--log-zone", zone, log=log)
-            assert outcome.code == 0, outcome.err
+            place.call("--forces", table, *clock, "--log-zone", zone, log=log)
             same_forces(place.episode)
     # Forces of the hour that python-can meant, and of no other, show that it was UTC.
     write_forces(place.folder / "true.csv", later, "t,Cd,Cl")
-    assert place.call("--forces", true, *clock, log=log).code == 0
+    place.call("--forces", true, *clock, log=log)
 
 
 def test_a_drive_at_another_speed_states_it_and_needs_no_setting(place):
     one = drive("fd", 200, 8)
     said = [speed("fd", k, 1000.0 + (k + 0.01) * 0.02, 20.0) for k in range(200)]
     log = write(place.folder / "slow.log", sorted([*log_of(one), *said], key=lambda message: message.timestamp))
-    asked = place.call("--forces", place.folder / "forces.csv", log=log)
-    assert (asked.code, "give --set flow.control_period=0.16" in asked.err) == (1, True)
-    call = ("--forces", place.folder / "forces.csv", "--set", "flow.control_period=0.16")
-    assert "beyond the limit of 0.075: at 20 m/s the same jet flow" in place.call(*call, log=log).err
-    outcome = place.call(*call, "--set", "flow.action_limit=0.08", log=log)
-    assert outcome.code == 0, outcome.err
-    assert "slow.log: Cp is computed with the log's vehicle speed, 20 m/s" in outcome.out
+    call = ("--forces", place.folder / "forces.csv")
+    assert "give --set flow.control_period=0.16" in place.call(*call, log=log, status=1).err
+    slow = (*call, "--set", "flow.control_period=0.16")
+    assert "beyond the limit of 0.075: at 20 m/s the same jet flow" in place.call(*slow, log=log, status=1).err
+    out = place.call(*slow, "--set", "flow.action_limit=0.08", log=log).out
+    assert "slow.log: Cp is computed with the log's vehicle speed, 20 m/s" in out
     episode = place.episode
     np.testing.assert_allclose(episode.series["Cp"], one.Cp / 0.64, atol=CP_QUANTUM / 2)
     np.testing.assert_allclose(episode.series["t"], 0.16 * np.arange(200), atol=1e-9)

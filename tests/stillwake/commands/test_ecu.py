@@ -3,7 +3,6 @@
 import json
 import socket
 from configparser import RawConfigParser
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -19,30 +18,25 @@ PROVISION = "ecu provision ecu --root root/release.pub --keys keys.list --hardwa
 
 @pytest.mark.slow  # many calls
 def test_what_cannot_run_is_one_line(all_refused, short_release):
-    all_refused(
-        "ecu",
-        {
-            "": "bus.interface = simulated: it runs in virtual time, without real devices",
-            "no-bundle --bus virtual:x": "no-bundle",
-        },
-    )
-    all_refused(
-        ("ecu", short_release, *UDP),
-        {
-            "--set bus.interface=can4711": "python-can does not know it",
-            "--set flow.control_period=0.1": "was built for control period 0.2, but the vehicle has 0.1",
-            "--set operating_point.speed=20": "was built for operating point",
-            "--set ecu.step_offset_ms=20": "ecu.step_offset_ms = 20: must be shorter than the control period",
-            "--set ecu.compute_time_ms=5": "--set ecu.compute_time_ms: `ecu` does not use it",
-            "--freshness x": "--freshness: needs a key",
-            "--set bus.key=none": "none",
-            "--metrics /proc/x": "cannot write /proc/x",
-            "--metrics x --stage-times x": "x is the same path as x, or lies in it",
-            "--metrics bus.key --freshness x --set bus.key=bus.key": "bus.key is the same path as bus.key",
-            "--frames x.blf": "x.blf: a measurement must end in .mf4 or .mcap",
-            "--library .": "library .: ",
-        },
-    )
+    rows = {
+        "": "bus.interface = simulated: it runs in virtual time, without real devices",
+        "no-bundle --bus virtual:x": "no-bundle",
+    }
+    all_refused("ecu", rows)
+    rows = {
+        "--set bus.interface=can4711": "python-can does not know it",
+        "--set flow.control_period=0.1": "was built for control period 0.2, but the vehicle has 0.1",
+        "--set operating_point.speed=20": "was built for operating point",
+        "--set ecu.step_offset_ms=20": "ecu.step_offset_ms = 20: must be shorter than the control period",
+        "--set ecu.compute_time_ms=5": "--set ecu.compute_time_ms: `ecu` does not use it",
+        "--freshness x": "--freshness: needs a key",
+        "--set bus.key=none": "none",
+        "--metrics /proc/x": "cannot write /proc/x",
+        "--metrics x --stage-times x": "x is the same path as x, or lies in it",
+        "--metrics bus.key --freshness x --set bus.key=bus.key": "bus.key is the same path as bus.key",
+        "--library .": "library .: ",
+    }
+    all_refused(("ecu", short_release, *UDP), rows)
 
 
 def test_the_examples_of_services_call_it_with_options_that_it_has(cli):
@@ -71,12 +65,9 @@ def test_from_its_start_to_its_last_period(cli, short_release, tmp_path, monkeyp
         systemd.bind(str(tmp_path / "notify"))
         monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
         done = cli("ecu", short_release, "--bus", "virtual:test-ecu", "--periods", 5, *files)
-        systemd.setblocking(False)
-        heard = list[bytes]()
-        with suppress(BlockingIOError):
-            while True:
-                heard.append(systemd.recv(4096))
-    assert any(said.startswith(b"READY=1") for said in heard) and b"STOPPING=1" in heard
+        systemd.settimeout(1.0)
+        heard = list(iter(lambda: systemd.recv(4096), b"STOPPING=1"))
+    assert any(said.startswith(b"READY=1") for said in heard)
     assert (done.code, done.out) == (0, "")
     events = [json.loads(line) for line in done.err.splitlines()]
     assert (events[0]["event"], events[0]["channel"]) == ("runs", "test-ecu")
@@ -89,15 +80,9 @@ def test_from_its_start_to_its_last_period(cli, short_release, tmp_path, monkeyp
 
 
 @pytest.fixture
-def good(cli, short_release, tmp_path, monkeypatch):
-    """Calls a command that works, in a folder with a maker's keys and a release."""
+def office(printed, short_release, tmp_path, monkeypatch) -> None:
+    """The test runs in a folder with a maker's keys and a release."""
     monkeypatch.chdir(tmp_path)
-
-    def call(words: str) -> str:
-        outcome = cli(*words.split())
-        assert outcome.code == 0, outcome.err
-        return str(outcome.out)
-
     for words in (
         "keygen root",
         "keygen maker",
@@ -105,15 +90,15 @@ def good(cli, short_release, tmp_path, monkeypatch):
         "bundle keylist keys.list --key root/release.key --version 1 --allow maker/release.pub",
         f"bundle renew {short_release} first --name first --key maker/release.key --security-version 1",
     ):
-        call(words)
-    return call
+        printed(*words.split())
 
 
-def test_it_is_provisioned_once_and_shown(good, refused):
+@pytest.mark.usefixtures("office")
+def test_it_is_provisioned_once_and_shown(printed, refused):
     assert "a key that is not in this ECU's list" in refused(*PROVISION.split(), "--bundle", BUNDLE)
-    assert "ECU 42 (bench)" in good(f"{PROVISION} --bundle first")
+    assert "ECU 42 (bench)" in printed(*PROVISION.split(), "--bundle", "first")
     assert "exists already" in refused(*PROVISION.split())
-    info = good("diagnose --slots ecu --json ecu.json")
+    info = printed("diagnose", "--slots", "ecu", "--json", "ecu.json")
     # What runs, the folder cannot know: it must not claim that nothing does.
     assert "confirmed, first" in info and "not in the folder" in info
     shown = json.loads(Path("ecu.json").read_text())["figures"]
@@ -122,24 +107,23 @@ def test_it_is_provisioned_once_and_shown(good, refused):
     assert shown["store"]["key_list_version"] == 1
 
 
-def test_what_cannot_run_of_a_folder_is_one_line(good, all_refused):
-    good(PROVISION)
+@pytest.mark.usefixtures("office")
+def test_what_cannot_run_of_a_folder_is_one_line(printed, all_refused):
+    printed(*PROVISION.split())
     slots = "--slots ecu --access access.key"
-    all_refused(
-        "ecu --set bus.interface=udp_multicast --set bus.channel=239.77.0.1",
-        {
-            "--slots ecu": "--slots: needs --access; `stillwake keygen --secret` makes a key",
-            "--access access.key": "--access: needs --slots or --mcu",
-            "--hardware x": "--hardware: needs --slots or --mcu",
-            "--slots none --access access.key": "none: not a folder of an ECU",
-            "--slots ecu --access none.key": "none.key",
-            f"first {slots}": "BUNDLE: --slots runs the release in its folder",
-            f"{slots} --trust x": "--trust: --slots runs",
-            "--mcu f.bin --root r --access a": "--mcu: needs --library; `stillwake export --c` writes a library",
-            f"{slots} --mcu f.bin": "--slots: --mcu runs a firmware",
-            "--mcu f.bin --stage-times x.npz": "--stage-times: --mcu runs a firmware",
-            "--mcu f.bin --freshness x": "--freshness: --mcu runs a firmware",
-            "--mcu f.bin --spin 20": "--spin: --mcu runs a firmware",
-            f"{slots} --set mpc.weights.lift=0.1": "`ecu --slots` does not use it",
-        },
-    )
+    rows = {
+        "--slots ecu": "--slots: needs --access; `stillwake keygen --secret` makes a key",
+        "--access access.key": "--access: needs --slots or --mcu",
+        "--hardware x": "--hardware: needs --slots or --mcu",
+        "--slots none --access access.key": "none: not a folder of an ECU",
+        "--slots ecu --access none.key": "none.key",
+        f"first {slots}": "BUNDLE: --slots runs the release in its folder",
+        f"{slots} --trust x": "--trust: --slots runs",
+        "--mcu f.bin --root r --access a": "--mcu: needs --library; `stillwake export --c` writes a library",
+        f"{slots} --mcu f.bin": "--slots: --mcu runs a firmware",
+        "--mcu f.bin --stage-times x.npz": "--stage-times: --mcu runs a firmware",
+        "--mcu f.bin --freshness x": "--freshness: --mcu runs a firmware",
+        "--mcu f.bin --spin 20": "--spin: --mcu runs a firmware",
+        f"{slots} --set mpc.weights.lift=0.1": "`ecu --slots` does not use it",
+    }
+    all_refused("ecu --set bus.interface=udp_multicast --set bus.channel=239.77.0.1", rows)

@@ -26,24 +26,23 @@ pytestmark = pytest.mark.compiler
 
 FLASH_BYTES, RAM_BYTES, STACK_BYTES = 144 * 1024, 60 * 1024, 1024
 """Of a board with the shipped bundle compiled in: what it takes, and the RAM's share that is the stack."""
-XCP_BYTES = 5 * 1024
-"""Flash that `bus.diagnosis.xcp` adds: 4.1 KiB."""
+XCP_BYTES = 5 * 1024  # flash that `bus.diagnosis.xcp` adds: 4.1 KiB
 
 
-def test_the_library_of_the_shipped_bundle_is_of_its_program(cli, refused, tmp_path, monkeypatch):
+def test_the_library_of_the_shipped_bundle_is_of_its_program(printed, refused, tmp_path, monkeypatch):
     """With the extra `c` alone; the folder has what other tools read beside the sources."""
     monkeypatch.setattr("export.release.pipeline.GATE_WINDOWS", 5)  # the release was gated by all when it was made
     monkeypatch.setattr("firmware_sim.fmu.fmu_files.binaries", lambda sources, kind: {})  # compiled by its own tests
     with monkeypatch.context() as patch:
         for name in {name for names in EXTRAS.values() for name in names} - {*EXTRAS["c"]}:
             patch.setitem(sys.modules, name, None)
-        done = cli("export", "--c", tmp_path / "c", "--image", tmp_path / "release.swi", "--fmu", tmp_path / "ecu.fmu")
-    assert done.code == 0, done.err
+        words = ("--c", tmp_path / "c", "--image", tmp_path / "release.swi", "--fmu", tmp_path / "ecu.fmu")
+        out = printed("export", *words)
     image = read((tmp_path / "release.swi").read_bytes())
     layout = ", ".join(f"0x{byte:02x}" for byte in image.facts.layout)
     assert f"SW_LAYOUT_SHA256 {{{layout}}}" in (tmp_path / "c" / "sw_layout.h").read_text(encoding="ascii")
     release = open_release(None)
-    assert release.manifest.name in done.out and image.digest == release.digest
+    assert release.manifest.name in out and image.digest == release.digest
     for header, name, wanted in (
         ("sw_settings.h", "SW_PROGRAM_SHA256", release.manifest.program_sha256),
         ("sw_settings.h", "SW_SENSOR_NAMES", " ".join(release.manifest.sensors)),
@@ -54,7 +53,7 @@ def test_the_library_of_the_shipped_bundle_is_of_its_program(cli, refused, tmp_p
         assert (tmp_path / name).is_file(), name
     c_release.write_image(tmp_path / "release.hex", tmp_path / "c", release, load_config())
     assert (tmp_path / "release.hex").read_bytes() == intel_hex((tmp_path / "release.swi").read_bytes())
-    assert cli("export", "--for-testers", tmp_path / "own").code == 0
+    printed("export", "--for-testers", tmp_path / "own")
     assert (tmp_path / "c/stillwake.dbc").read_bytes() == dbc_bytes()
     for name in ("stillwake.a2l", "stillwake.pdx"):
         assert (tmp_path / "c" / name).read_bytes() == (tmp_path / "own" / name).read_bytes()
@@ -105,13 +104,10 @@ def test_a_bundle_of_another_model_or_program_has_no_library(tmp_path, monkeypat
     assert not (tmp_path / "c").exists()
 
 
-def test_a_setting_that_c_cannot_do_for_this_release_ends_it_before_the_work(cli, tmp_path):
-    done = cli("export", "--c", tmp_path / "c", "--set", "ecu.delay_steps=99")
-    assert (done.code, done.err.count("\n")) == (1, 1) and "ecu.delay_steps = 99: must be at most" in done.err
-    bundle, testers = tmp_path / "b", tmp_path / "d"
-    done = cli("export", shipped.model(), bundle, "--for-testers", testers, "--set", "ecu.delay_steps=99")
-    assert done.code == 1 and "ecu.delay_steps = 99: must be at most" in done.err
-    assert not list(tmp_path.iterdir())
+def test_a_setting_that_c_cannot_do_for_this_release_ends_it_before_the_work(refused, tmp_path):
+    for words in (("--c", tmp_path / "c"), (shipped.model(), tmp_path / "b", "--for-testers", tmp_path / "d")):
+        line = refused("export", *words, "--set", "ecu.delay_steps=99")
+        assert "ecu.delay_steps = 99: must be at most" in line
 
 
 def test_without_the_data_a_line_says_how_to_get_them(tmp_path, monkeypatch):

@@ -68,16 +68,14 @@ def test_an_ecu_in_c_is_made_once_and_each_wait_is_told(monkeypatch):
 
 def test_errors_are_one_line_and_leave_nothing(all_refused):
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        all_refused(
-            "live",
-            {
-                "--plant recording --set bus.key=k": "k: cannot read the key",
-                "--set mpc.horizon=9": "does not use it",
-                "--bundle nowhere": "nowhere",
-                f"--host {'x' * 300}": "not the name of a machine",
-                f"--port {taken.getsockname()[1]}": "it is in use, perhaps by another `stillwake live`; name",
-            },
-        )
+        rows = {
+            "--plant recording --set bus.key=k": "k: cannot read the key",
+            "--set mpc.horizon=9": "does not use it",
+            "--bundle nowhere": "nowhere",
+            f"--host {'x' * 300}": "not the name of a machine",
+            f"--port {taken.getsockname()[1]}": "it is in use, perhaps by another `stillwake live`; name",
+        }
+        all_refused("live", rows)
 
 
 @pytest.mark.processes

@@ -11,8 +11,8 @@ from PIL.GifImagePlugin import GifImageFile
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from firmware_sim.runs import run_log
-from firmware_sim.runs.run_log import BusTraffic
 from stillwake.commands.picture import actions_of
+from tests.firmware_sim.runs.conftest import shedding_log
 
 pytestmark = pytest.mark.slow  # figures are drawn and written
 
@@ -27,11 +27,10 @@ def test_stills_of_a_state(cli, tmp_path):
     assert Image.open(tmp_path / "v.png").size == Image.open(tmp_path / "p.png").size == (1100, 341)
 
 
-def test_a_mean_flow_prints_its_bubble(cli, tmp_path, coarse):
-    outcome = cli("picture", tmp_path / "m.png", "--field", "mean", "--duration", 0.6, "--settle", 0.2, *coarse.words)
-    assert outcome.code == 0
+def test_a_mean_flow_prints_its_bubble(printed, tmp_path, coarse):
+    out = printed("picture", tmp_path / "m.png", "--field", "mean", "--duration", 0.6, "--settle", 0.2, *coarse.words)
     # Backward flow reaches about a width behind the base; over three samples it is not a mean to quote.
-    assert 0.3 < float(outcome.out.split("bubble length ")[1].split()[0]) < 2.0
+    assert 0.3 < float(out.split("bubble length ")[1].split()[0]) < 2.0
     assert (tmp_path / "m.png").is_file()
 
 
@@ -44,10 +43,9 @@ def test_an_animation_of_a_forced_wake(cli, tmp_path, coarse):
 
 def test_a_replayed_run_reaches_the_actions_that_were_in_force(tmp_path, run_metadata):
     in_force = [0.0, 0.01, 0.03, -0.02]
-    series = {name: np.zeros(4) for name in run_log.COLUMNS} | {"t": 0.2 * np.arange(4.0), "action": np.array(in_force)}
-    bus = run_log.BusTotals(sent=0, lost=0, rejected=0)
-    quiet = BusTraffic(load=0.0, frames=0, error_frames=0, longest_wait_ms={}, nodes={})
-    log = run_log.RunLog(series=series, enabled_at=0, bus=bus, traffic=quiet, metadata=run_metadata)
+    log = shedding_log(run_metadata)
+    four = {name: values[:4] for name, values in log.series.items()} | {"action": np.array(in_force)}
+    log = replace(log, series=four, enabled_at=0)
     run_log.save(tmp_path / "series.npz", log)
     assert actions(forcing=str(tmp_path)).tolist() == in_force[1:]
     assert actions(forcing=str(tmp_path), duration=0.4).tolist() == in_force[1:3]
@@ -55,10 +53,8 @@ def test_a_replayed_run_reaches_the_actions_that_were_in_force(tmp_path, run_met
         actions(forcing=str(tmp_path), duration=2.0)
     own = run_metadata.config
     slower = replace(run_metadata, config=replace(own, flow=replace(own.flow, control_period=0.1)))
-    for other, message in (
-        (slower, "control_period is 0.1 in the run, but 0.2"),
-        (replace(slower, drive="a"), "drive"),
-    ):
+    cases = ((slower, "control_period is 0.1 in the run, but 0.2"), (replace(slower, drive="a"), "drive"))
+    for other, message in cases:
         run_log.save(tmp_path / "series.npz", replace(log, metadata=other))
         with pytest.raises(StillwakeError, match=message):
             actions(forcing=str(tmp_path))

@@ -21,16 +21,14 @@ def plant(shared_wake, monkeypatch) -> TruckWake:
     return shared_wake
 
 
-def test_develop_writes_the_state_it_ends_in(plant, tmp_path, cli, monkeypatch) -> None:
+def test_develop_writes_the_state_it_ends_in(plant, tmp_path, printed, monkeypatch) -> None:
     monkeypatch.setattr(develop, "develop", lambda wake, duration, progress: wake.state())
     # A name that looks like markup is printed as it is.
-    outcome = cli("develop", tmp_path / "a[red]b[;x.npz", "--duration", "3")
-    assert (outcome.code, outcome.err) == (0, "")
-    assert "a[red]b[;x.npz" in outcome.out
+    assert "a[red]b[;x.npz" in printed("develop", tmp_path / "a[red]b[;x.npz", "--duration", "3")
     assert np.array_equal(load_state(tmp_path / "a[red]b[;x.npz").flat, plant.state().flat)
 
 
-def test_steady_writes_state_and_figures(plant, tmp_path, cli, monkeypatch) -> None:
+def test_steady_writes_state_and_figures(plant, tmp_path, printed, monkeypatch) -> None:
     settled, figures = plant.state(), {"Cd": 0.66, "recirculation_length": 4.25}
 
     def settle(wake: TruckWake, progress) -> tuple[State, dict[str, float]]:
@@ -40,9 +38,8 @@ def test_steady_writes_state_and_figures(plant, tmp_path, cli, monkeypatch) -> N
         return settled, figures
 
     monkeypatch.setattr(develop, "settle", settle)
-    outcome = cli("develop", tmp_path / "s.npz", "--steady", "--json", tmp_path / "s.json")
-    assert outcome.code == 0
-    assert re.search(r"recirculation_length\s+4\.25", outcome.out)
+    out = printed("develop", tmp_path / "s.npz", "--steady", "--json", tmp_path / "s.json")
+    assert re.search(r"recirculation_length\s+4\.25", out)
     assert np.array_equal(load_state(tmp_path / "s.npz").flat, settled.flat)
     written = json.loads((tmp_path / "s.json").read_text(encoding="utf-8"))
     assert written["figures"] == figures

@@ -16,7 +16,7 @@ from wake.truck.truck_wake import TruckWake
 
 
 @pytest.mark.slow
-def test_a_steady_wake_that_is_not_there_is_computed_and_kept(cli, tmp_path, monkeypatch, short_release):
+def test_a_steady_wake_that_is_not_there_is_computed_and_kept(printed, tmp_path, monkeypatch, short_release):
     def halves_alike(wake: TruckWake, progress: object) -> tuple[State, dict[str, float]]:
         start_from_rest(wake)
         return wake.state(), {}
@@ -26,10 +26,8 @@ def test_a_steady_wake_that_is_not_there_is_computed_and_kept(cli, tmp_path, mon
     monkeypatch.setattr(develop, "_RATE", 1e3)
     output, state = tmp_path / "a.h5", tmp_path / "steady.npz"
     call = ["record", output, "calm=5", "--from-steady", state, "--episodes", 1, "--set", "flow.refinement=0.4"]
-    first, second = cli(*call), cli(*call, "--under", short_release)
-    assert (first.code, first.err) == (second.code, second.err) == (0, "")
-    assert "is not there: computing the steady wake" in first.out
-    assert "is not there" not in second.out
+    assert "is not there: computing the steady wake" in printed(*call)
+    assert "is not there" not in printed(*call, "--under", short_release)
     alone, under = dataset.read(output).episodes
     assert [alone.name, under.name] == ["calm_1_0", "calm_2_0"]
     assert alone.provenance["start"] == "steady.npz"
@@ -41,7 +39,7 @@ def test_a_steady_wake_that_is_not_there_is_computed_and_kept(cli, tmp_path, mon
     assert not np.isclose(under.series["action"][3:], signals[1][3:]).any()
 
 
-def test_a_recording_that_is_whole_says_so(cli, tmp_path, monkeypatch):
+def test_a_recording_that_is_whole_says_so(printed, tmp_path, monkeypatch):
     (tmp_path / "a.h5").write_bytes(b"whole")
     seen = dict[str, object]()
 
@@ -50,26 +48,20 @@ def test_a_recording_that_is_whole_says_so(cli, tmp_path, monkeypatch):
         return False
 
     monkeypatch.setattr(recorder, "record", record)
-    outcome = cli("record", tmp_path / "a.h5", "training=20", "--state", "s.npz")
-    assert (outcome.code, outcome.err) == (0, "")
-    assert f"already complete, nothing to record: {tmp_path / 'a.h5'}: 2020 control steps" in " ".join(
-        outcome.out.split()
-    )
+    out = printed("record", tmp_path / "a.h5", "training=20", "--state", "s.npz")
+    assert f"already complete, nothing to record: {tmp_path / 'a.h5'}: 2020 control steps" in out
     assert (seen["start"], seen["overwrite"]) == (Path("s.npz"), False)
 
 
 @pytest.mark.slow
-def test_rounds_under_a_controller_are_added(cli, tmp_path, short_release, coarse):
+def test_rounds_under_a_controller_are_added(printed, tmp_path, short_release, coarse):
     output = tmp_path / "a.h5"
     for number in (1, 2):
         what = ("controlled=2", "--episodes", 1, "--role", "train", *coarse.words)
-        outcome = cli("record", output, "--under", short_release, *what)
-        assert (outcome.code, outcome.err) == (0, "")
-        assert f"round {number}, 2 control steps under the controller" in outcome.out.replace("\n", " ")
+        out = printed("record", output, "--under", short_release, *what)
+        assert f"round {number}, 2 control steps under the controller" in out.replace("\n", " ")
     found = dataset.read(output).episodes
-    assert [(one.name, one.role, len(one)) for one in found] == [
-        ("controlled_1_0", "train", 2),
-        ("controlled_2_0", "train", 2),
-    ]
+    facts = [(one.name, one.role, len(one)) for one in found]
+    assert facts == [("controlled_1_0", "train", 2), ("controlled_2_0", "train", 2)]
     assert found[0].provenance["bundle"] == "random"
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]

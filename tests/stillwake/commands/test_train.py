@@ -38,9 +38,7 @@ def stopped(tmp_path, short_recording):
 
 
 @pytest.mark.slow  # loads torch
-def test_a_stopped_training_says_how_to_go_on_and_another_is_refused_or_starts_over(
-    cli, refused, called, stopped, short_recording
-):
+def test_a_stopped_training_says_how_to_go_on_and_another_must_restart(cli, refused, called, stopped, short_recording):
     before = sorted(stopped.parent.iterdir())
     outcome = cli("train", stopped.with_name("new"), "--dataset", short_recording)
     line = "stopped; the same command continues from the beginning: there is no checkpoint yet\n"
@@ -58,7 +56,6 @@ def test_a_stopped_training_says_how_to_go_on_and_another_is_refused_or_starts_o
 
 @pytest.mark.slow  # with the real fit
 def test_a_training_that_diverges_is_one_line(refused, tmp_path, short_recording):
-    line = refused(
-        "train", tmp_path / "model", "--dataset", short_recording, *SMALL, "--set", "train.learning_rate=1e12"
-    )
+    words = ("--dataset", short_recording, *SMALL, "--set", "train.learning_rate=1e12")
+    line = refused("train", tmp_path / "model", *words)
     assert line.startswith("error: joint fit: the loss is not finite after ")

@@ -13,24 +13,20 @@ VIRTUAL = ("--set", "bus.interface=virtual", "--set", "bus.channel=test-stillwak
 
 @pytest.mark.slow
 def test_what_cannot_be_is_one_line(all_refused) -> None:
-    all_refused(
-        ("vehicle", "--periods", "3", *VIRTUAL),
-        {
-            "--set bus.interface=simulated": "bus.interface = simulated: it runs in virtual time, without real",
-            "--plant wake --episode x": "--episode x: does not go with --plant wake",
-            "--state x.npz": "--state x.npz: needs --plant wake: a recording cannot be changed",
-            "--drive ramps": "--drive ramps: needs --plant wake: a recording cannot be changed",
-            "--lead-in inf": "--lead-in inf: must be a number of t_c",
-            "--episode sine": "the data set has no episode 'sine', only ",
-            "--dataset none.h5": "none.h5: no such dataset",
-            "--bundle none": "none",
-            "--freshness x.json": "--freshness x.json: needs a key, but bus.key is empty",
-            "--freshness x.json --json x.json": "x.json is the same path as x.json, or lies in it",
-            "--set mpc.horizon=3": "`vehicle` does not use it",
-            "--stage-times /proc/nowhere/x.npz": "/proc/nowhere",
-            "--set bus.interface=socketcan": "CAN bus socketcan 'test-stillwake-vehicle': ",
-        },
-    )
+    rows = {
+        "--set bus.interface=simulated": "bus.interface = simulated: it runs in virtual time, without real",
+        "--plant wake --episode x": "--episode x: does not go with --plant wake",
+        "--state x.npz": "--state x.npz: needs --plant wake: a recording cannot be changed",
+        "--drive ramps": "--drive ramps: needs --plant wake: a recording cannot be changed",
+        "--episode sine": "the data set has no episode 'sine', only ",
+        "--bundle none": "none",
+        "--freshness x.json": "--freshness x.json: needs a key, but bus.key is empty",
+        "--freshness x.json --json x.json": "x.json is the same path as x.json, or lies in it",
+        "--set mpc.horizon=3": "`vehicle` does not use it",
+        "--stage-times /proc/nowhere/x.npz": "/proc/nowhere",
+        "--set bus.interface=socketcan": "CAN bus socketcan 'test-stillwake-vehicle': ",
+    }
+    all_refused(("vehicle", "--periods", "3", *VIRTUAL), rows)
 
 
 @pytest.mark.slow  # waits for an ECU

@@ -12,12 +12,13 @@ from stillwake.console import stopping
 from stillwake.console.endings import status_of
 from stillwake.console.progress import progress
 
+STATUSES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
+
 
 @pytest.fixture(autouse=True)
 def signals() -> Iterator[None]:
     """Signals end the test's command as they end every command, and afterwards do again what they did."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    hook = sys.unraisablehook
+    before, hook = {number: signal.getsignal(number) for number in STATUSES}, sys.unraisablehook
     signal.signal(signal.SIGINT, signal.default_int_handler)
     stopping.ends_like_ctrl_c()
     yield
@@ -28,7 +29,7 @@ def signals() -> Iterator[None]:
 
 
 def test_a_stopped_command_clears_away_and_prints_how_to_go_on(capsys):
-    for number, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)):
+    for number, status in STATUSES.items():
         cleared: list[bool] = []
 
         def wait(number: int = number, cleared: list[bool] = cleared) -> None:
@@ -56,8 +57,8 @@ def test_under_nohup_a_closed_terminal_stops_nothing() -> None:
 
 
 def test_work_that_a_stop_ends_well_is_asked_once_and_stopped_by_the_second() -> None:
-    theirs = {one: signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)}
-    for number, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)):
+    theirs = signal.getsignal(signal.SIGINT)
+    for number, status in STATUSES.items():
         stopping.ends_like_ctrl_c()
         with stopping.until_stopped() as is_stopped:
             assert not is_stopped()
@@ -65,7 +66,7 @@ def test_work_that_a_stop_ends_well_is_asked_once_and_stopped_by_the_second() ->
             assert is_stopped()
             with pytest.raises(KeyboardInterrupt):
                 signal.raise_signal(number)
-        assert signal.getsignal(signal.SIGINT) is theirs[signal.SIGINT]
+        assert signal.getsignal(signal.SIGINT) is theirs
         # What its command raises when the work was not done has the status of the signal.
         assert stopping.outcome()[0] == status
 

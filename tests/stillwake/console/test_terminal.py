@@ -26,8 +26,7 @@ class Clock:
 
 @pytest.fixture(autouse=True)
 def _able(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a dumb terminal rich draws no bar, whatever is forced."""
-    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("TERM", "xterm")  # on a dumb terminal rich draws no bar, whatever is forced
 
 
 def terminal(width: int = 80) -> Console:
@@ -56,10 +55,8 @@ def test_a_narrow_table_keeps_words_and_numbers_whole(monkeypatch):
 
 
 def test_bar_count_and_time_left_stay_and_the_note_gives_way():
-    for unit, task, total, note in (
-        ("periods", "closed loop", 625, RUN_NOTE),
-        ("iterations", "distil predictor", 123_456, TRAIN_NOTE),
-    ):
+    of_training = ("iterations", "distil predictor", 123_456, TRAIN_NOTE)
+    for unit, task, total, note in (("periods", "closed loop", 625, RUN_NOTE), of_training):
         for width in (80, 100, 200):
             console, clock = terminal(width), Clock()
             bar = ProgressBar(console=console, estimate_over=30.0, clock=clock)
@@ -103,12 +100,8 @@ def test_a_log_has_a_line_at_the_start_every_half_minute_at_the_end_and_at_a_sto
             report("closed loop", done, 1000, "Cd 1.03  [base]")
     first, *middle, last = text(console).splitlines()
     assert first.startswith("closed loop: 0/1000 periods (0 %)")
-    assert [line.partition(",")[0] for line in middle] == [
-        "closed loop: 240/1000 periods (24 %)",
-        "closed loop: 480/1000 periods (48 %)",
-        "closed loop: 720/1000 periods (72 %)",
-        "closed loop: 960/1000 periods (96 %)",
-    ]
+    shares = [line.partition(",")[0] for line in middle]
+    assert shares == [f"closed loop: {10 * share}/1000 periods ({share} %)" for share in (24, 48, 72, 96)]
     assert middle[0].partition(", ")[2] == "8 periods/s, 1 min 35 s left, 30 s so far; Cd 1.03 [base]"
     # Two workers end their first runs together, 40 s after they began; what was there before counts for no speed.
     with progress("runs", estimate_over=3600.0, console=console, clock=clock) as report:

@@ -30,12 +30,12 @@ def rows_of(path, signal: str) -> list[dict[str, str]]:
         return [row for row in csv.DictReader(file) if row["signal"] == signal]
 
 
-def test_decode_and_monitor_check_the_mac_with_a_key_and_report_without_one(cli, peer, tmp_path):
+def test_decode_and_monitor_check_the_mac_with_a_key_and_report_without_one(printed, peer, tmp_path):
     """Three genuine frames and the first again, read with their key, with another one, and without."""
     for name in ("bus.key", "other.key"):
-        assert cli("keygen", "--secret", tmp_path / name).code == 0
+        printed("keygen", "--secret", tmp_path / name)
     setting = ("--set", f"bus.key={tmp_path / 'bus.key'}")
-    assert cli("can", "send", "PressureSecured", "--count", 3, "--trip", 1, *setting, *VIRTUAL).code == 0
+    printed("can", "send", "PressureSecured", "--count", 3, "--trip", 1, *setting, *VIRTUAL)
     frames, log = taken(peer), tmp_path / "signed.log"
     log_texts.write(log, [at(one, 100.0 + 0.02 * i) for i, one in enumerate([*frames, frames[0]])])
     fresh, forged, unchecked = ["OK"] * 3 + ["not fresh"], ["not authentic"] * 4, ["not checked"] * 4
@@ -47,49 +47,45 @@ def test_decode_and_monitor_check_the_mac_with_a_key_and_report_without_one(cli,
         ends = [f"{check}MAC {mac}]" for check, mac in zip(e2e, macs, strict=True)]
         used = () if key is None else ("--set", f"bus.key={tmp_path / key}")
         table, figures = tmp_path / f"{key}.csv", tmp_path / "a.json"
-        decoded = cli("can", "decode", log, "--json", figures, "--csv", table, *used)
-        assert decoded.code == 0, decoded.err
+        decoded = printed("can", "decode", log, "--json", figures, "--csv", table, *used)
         (message,) = json.loads(figures.read_text())["figures"]["messages"]
         assert (message["checks"], message["mac_checked"]) == (counts, key is not None)
-        assert ("MAC not checked: name the key" in decoded.out) is (key is None)
-        assert [line.rpartition("[")[2] for line in decoded.out.splitlines() if "PressureSecured:" in line] == ends
+        assert ("MAC not checked: name the key" in decoded) is (key is None)
+        assert [line.rpartition("[")[2] for line in decoded.splitlines() if "PressureSecured:" in line] == ends
         assert [row["mac"] for row in rows_of(table, "Pressure0")] == macs
-        seen = cli("can", "monitor", log, *used)
-        assert seen.code == 0, seen.err
-        assert f" lost, {4 - counts.get('OK', 0)} refused" in seen.out, key
-        assert list(counts)[-1] in flat(seen.out), key
+        seen = printed("can", "monitor", log, *used)
+        assert f" lost, {4 - counts.get('OK', 0)} refused" in seen, key
+        assert list(counts)[-1] in flat(seen), key
 
 
-def test_decode_prints_a_line_a_frame_and_a_summary_and_writes_a_row_a_signal(cli, tmp_path):
+def test_decode_prints_a_line_a_frame_and_a_summary_and_writes_a_row_a_signal(printed, refused, tmp_path):
     write(tmp_path / "a.blf", 3)
-    decoded = cli("can", "decode", tmp_path / "a.blf", "--csv", tmp_path / "a.csv")
-    assert decoded.code == 0, decoded.err
-    lines = decoded.out.splitlines()
+    decoded = printed("can", "decode", tmp_path / "a.blf", "--csv", tmp_path / "a.csv")
+    lines = decoded.splitlines()
     assert lines[1].startswith("(1700000000.008000) 130 JetCommand: E2E_CRC=")
     assert lines[1].endswith("Flow=0 m2/s, PressureCounter=0  [E2E OK]")
     assert lines[3] == "(1700000000.012000) 18FEF100 unknown: 00 00 00 00 00 00 00 00"
-    assert "130 JetCommand 3 50.00 0.008000 0.048000 0 OK 3" in flat(decoded.out)
-    assert "12 data frames, 0 remote, 0 error frames in 0.052000 s from 1700000000.000000; bus load by" in decoded.out
-    assert cli("can", "decode", tmp_path / "a.blf", "--summary").out.splitlines()[0].strip() == ""
+    assert "130 JetCommand 3 50.00 0.008000 0.048000 0 OK 3" in flat(decoded)
+    assert "12 data frames, 0 remote, 0 error frames in 0.052000 s from 1700000000.000000; bus load by" in decoded
+    assert printed("can", "decode", tmp_path / "a.blf", "--summary").splitlines()[0].strip() == ""
     flows = rows_of(tmp_path / "a.csv", "Flow")
     assert [(row["time_s"], row["id"], row["e2e"], float(row["value"]), row["unit"]) for row in flows[:2]] == [
         ("1700000000.008000", "130", "OK", 0.0, "m2/s"),
         ("1700000000.028000", "130", "OK", pytest.approx(0.1), "m2/s"),
     ]
     sets = ("--set", "bus.diagnosis.xcp_command_id=0x18FEF100", "--set", "bus.diagnosis.xcp_response_id=0x18FEF101")
-    named = cli("can", "decode", tmp_path / "a.blf", *sets)
-    assert named.out.splitlines()[3] == "(1700000000.012000) 18FEF100 XCP command: 00 00 00 00 00 00 00 00"
-    assert "give another name" in cli("can", "decode", tmp_path / "a.blf", "--csv", tmp_path / "a.csv").err
+    named = printed("can", "decode", tmp_path / "a.blf", *sets)
+    assert named.splitlines()[3] == "(1700000000.012000) 18FEF100 XCP command: 00 00 00 00 00 00 00 00"
+    assert "give another name" in refused("can", "decode", tmp_path / "a.blf", "--csv", tmp_path / "a.csv")
 
 
-def test_monitor_of_a_log_shows_its_end(cli, tmp_path):
+def test_monitor_of_a_log_shows_its_end(printed, tmp_path):
     write(tmp_path / "a.asc", 20)
-    seen = cli("can", "monitor", tmp_path / "a.asc")
-    assert seen.code == 0, seen.err
+    seen = printed("can", "monitor", tmp_path / "a.asc")
     # The last frame is 3.5 ms behind the last status: 0.00 s old by the log's clock, at 50 a second.
-    assert "EcuStatus 140 0.00 50.0 0 0 OK" in flat(seen.out)
-    assert "80 frames, 0 lost, 0 refused" in seen.out
-    only = cli("can", "monitor", tmp_path / "a.asc", "--filter", "flow").out
+    assert "EcuStatus 140 0.00 50.0 0 0 OK" in flat(seen)
+    assert "80 frames, 0 lost, 0 refused" in seen
+    only = printed("can", "monitor", tmp_path / "a.asc", "--filter", "flow")
     assert "Flow 1.9 m2/s" in flat(only)
     assert "Missed" not in only
 

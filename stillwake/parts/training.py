@@ -1,13 +1,17 @@
-"""The common parts of the training commands: check of the output, display of progress, and a line on how to continue
-after a stop."""
+"""The common parts of commands that train or fit: check of the output, display of progress, a line on how to continue
+after a stop, and the fit of a bundle's sensor estimator."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from contract.atomic import check_writable
 from contract.model.model_folder import check_free
+from contract.release.bundle import MadeEstimator
+from contract.release.checks import sha256
 from stillwake.console.outputs import check_output, claim
 from stillwake.console.progress import Report
+from stillwake.console.terminal import console
 from train.fitting import unfinished
 from train.fitting.progress import Phase, Stopwatch
 
@@ -41,3 +45,19 @@ def advice(checkpoints: Path) -> str:
     reached = unfinished.reached(checkpoints)
     place = f"from {reached}" if reached else "from the beginning: there is no checkpoint yet"
     return f"the same command continues {place}"
+
+
+def fitted_estimator(dataset: Path, sensors: Sequence[str], window: int, report: Report) -> MadeEstimator:
+    """Fit a sensor estimator for a controller with these sensors and this window to a data set."""
+    from contract.recording.dataset import read
+    from export.release.estimator import lowered_estimator
+    from train.sensor_estimator import fit_estimator
+
+    recording, threads = read(dataset), 1  # more threads are slower, and round sums differently
+    show = partial(report, "sensor estimator", unit="batches")
+    network = fit_estimator(recording, sensors, window, threads=threads, progress=show)
+    provenance = {"dataset_sha256": sha256(dataset.read_bytes()), "torch_threads": threads}
+    made = lowered_estimator(network, recording, sensors, provenance)
+    explained = ", ".join(f"{name} {value:.3f}" for name, value in made.provenance["r2"].items())
+    console.print(f"R2 of each sensor from the others, on {' and '.join(made.provenance['judged_on'])}: {explained}")
+    return made
