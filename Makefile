@@ -108,8 +108,8 @@ retrain: $(VENV)/dev.stamp
 
 # The shipped release anew: make release KEY=release.key NAME=truck-wake-17. A model in runs/release is taken as it is.
 # This recipe trains the weights of the design speed. At other speeds the shipped prior imitates earlier trainings, and at
-# wrong speeds itself (python -m benchmarks.release.join and wrong_speeds; data/stillwake_data/provenance.json), which
-# the recipe does not repeat.
+# wrong speeds itself (benchmarks/release/join.py of commit 4b9764392, and python -m benchmarks.release.wrong_speeds;
+# data/stillwake_data/provenance.json), which the recipe does not repeat.
 # The sensors are those that the vehicle has; without them, training chooses (tens of minutes).
 SENSORS := upper_39,lower_39,base_0,base_9
 TRAIN := stillwake train runs/trained --sensors $(SENSORS)
@@ -170,10 +170,8 @@ docs: $(VENV)/dev.stamp
 # The pictures of the closed loop in README.md and docs/, from the release that is shipped.
 pictures: $(VENV)/dev.stamp
 	$(BIN)/stillwake run runs/demo --overwrite
-	$(BIN)/python -m docs.release_pictures runs/demo
-	$(BIN)/python -m docs.page_pictures
 	$(BIN)/stillwake run runs/dead --disturb dead:sensor=base_9@6.5.. --overwrite
-	$(BIN)/python -m docs.run_page_pictures runs/demo runs/dead
+	$(BIN)/python -m docs.pictures_of_runs runs/demo runs/dead
 
 # What is too old is refused before pip looks for packages that it could install.
 CHECK_PYTHON = @$(PYTHON) -c "import sys; sys.version_info >= (3, 11) or sys.exit('stillwake needs Python 3.11 or later, \

@@ -1,7 +1,7 @@
 """The tables of `docs/reference/can-messages.md`, from `contract/stillwake.dbc`."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable
 from functools import cache
 from itertools import groupby
 from pathlib import Path
@@ -105,9 +105,6 @@ def _comment(found: list[Signal]) -> str:
     return text if len(found) == 1 else re.sub(r"\b([A-Z][a-z]+)0\b", r"\1N", text)
 
 
-PARTS: Final[Mapping[str, Callable[[], str]]] = {
-    "message_sets": sets,
-    "signals": signals,
-    "trailers": trailers,
-    "signal_values": values,
-}
+def parts() -> dict[str, str]:
+    """Return the generated parts of the page by their names."""
+    return {"message_sets": sets(), "signals": signals(), "trailers": trailers(), "signal_values": values()}

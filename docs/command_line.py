@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
@@ -98,18 +98,14 @@ def _explained(command: Any) -> str:
 
 
 def _options(command: Any) -> Iterator[tuple[_Option, str]]:
-    """Yield every argument and option of a command, each with its default."""
     types = get_type_hints(command.callback)
     for one in command.params:
         takes = _takes(one, types[one.name])
         least = "" if one.min is None else f"{one.min:g}"
         bounds = f"{least}..{one.max:g}" if one.max is not None else least and f"≥{least}"
-        yield _Option(f"{_name(one)}{takes and ' '}{takes}", bounds, _marked(_help(one))), _default(one)
-
-
-def _help(parameter: Any) -> str:
-    """Return a parameter's help. "see above" becomes "see `--help`", because the page lacks the text above."""
-    return (parameter.help or "").replace("see above", "see `--help`")
+        # The page lacks the text that some options refer to.
+        text = (one.help or "").replace("see above", "see `--help`")
+        yield _Option(f"{_name(one)}{takes and ' '}{takes}", bounds, _marked(text)), _default(one)
 
 
 def _name(parameter: Any) -> str:
@@ -142,14 +138,14 @@ def _default(parameter: Any) -> str:
 
 def _marked(text: str) -> str:
     """Return a text in which options and NAME=VALUE are in code style, and the names of pages are links."""
-    return "".join(map(_marked_piece, _CODE.split(text)))
+    pieces = _CODE.split(text)
+    for k, piece in enumerate(pieces):
+        if not piece.startswith("`"):
+            linked = _PAGE.sub(lambda found: f"[{found[2].replace('-', ' ')}](../{found[1]}/{found[2]}.md)", piece)
+            pieces[k] = _WORD.sub(r"`\1`", linked)
+    return "".join(pieces)
 
 
-def _marked_piece(piece: str) -> str:
-    if piece.startswith("`"):
-        return piece
-    linked = _PAGE.sub(lambda found: f"[{found[2].replace('-', ' ')}](../{found[1]}/{found[2]}.md)", piece)
-    return _WORD.sub(r"`\1`", linked)
-
-
-PARTS: Final[Mapping[str, Callable[[], str]]] = {"common_options": common_options, "commands": sections}
+def parts() -> dict[str, str]:
+    """Return the generated parts of the page by their names."""
+    return {"common_options": common_options(), "commands": sections()}

@@ -13,15 +13,8 @@ author = "stillwake developers"
 copyright = "stillwake developers, MIT licence"
 version = release = installed("stillwake")
 
-extensions = [
-    "myst_parser",
-    "sphinx_copybutton",
-    "docs.site.pages",
-    "docs.site.api",
-    "docs.site.references",
-    "docs.site.html",
-    "docs.site.browser_ecu",
-]
+extensions = ["myst_parser", "sphinx_copybutton"]
+extensions += [f"docs.site.{name}" for name in ("pages", "api", "references", "html", "browser_ecu")]
 source_suffix = {".rst": "restructuredtext", ".md": "markdown", ".markdown": "markdown"}
 # The site's first page already contains the list of documents in docs/README.md.
 exclude_patterns = ["README.md"]

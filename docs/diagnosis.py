@@ -4,7 +4,7 @@ This module has a text that explains each number. A number without a text is an 
 """
 
 import struct
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 from can_bridge.calibration import xcp
@@ -168,53 +168,30 @@ STATED: Final = (
 """Phrases of the page that contain numbers from the code. A test checks that the page has these phrases."""
 
 
-def _services() -> str:
-    return _listed(
-        (f"{_byte(one)} {SERVICE_NAMES[one]}{_who(SERVICES[one])}", SERVICE_TEXTS[one]) for one in sorted(Service)
-    )
-
-
-def _levels() -> str:
-    return _listed((f"`27 {one:02X}`, `27 {one + 1:02X}`", f"{_words(one.name)}{_who(LEVELS[one])}") for one in Level)
-
-
-def _identifiers() -> str:
-    return _listed((f"{_named(one)}{_who(WRITABLE.get(one))}", DID_TEXTS[one]) for one in sorted(Did))
-
-
-def _routines() -> str:
-    return _listed((f"{_named(one)}{_who(ROUTINES[one])}", ROUTINE_TEXTS[one]) for one in sorted(Routine))
-
-
-def _codes() -> str:
-    return _listed(
-        (f"{in_letters(code)}, `{code:06X}` {one.name}", BECAUSE[one]) for one, code in sorted(CODES.items())
-    )
-
-
-def _status() -> str:
-    return _listed((f"{_byte(one)} {_words(one.name or '')}", STATUS_TEXTS[one]) for one in Status)
-
-
-def _snapshot() -> str:
-    forms = SNAPSHOT_FORMATS.items()
-    return _listed((f"`{one:04X}`, {struct.calcsize(form)} bytes", SNAPSHOT_TEXTS[one]) for one, form in forms)
-
-
-def _verdicts() -> str:
-    return _listed((f"{one.value} {one.name}", one.in_words) for one in Verdict)
-
-
-def _refusals() -> str:
-    return _listed((f"{_byte(one)} {_words(one.name)}", NRC_TEXTS[one]) for one in Nrc if one not in UNSENT)
-
-
-def _listed(lines: Iterable[tuple[str, str]]) -> str:
-    return "\n".join(f"- {name}{text and ': '}{text}" for name, text in lines)
-
-
-def _xcp_commands() -> str:
-    return ", ".join(f"{_byte(one)} {one.name}{'*' if one in xcp.PROTECTED else ''}" for one in xcp.Command) + "."
+def parts() -> dict[str, str]:
+    """Return the generated parts of the page by their names."""
+    lists: dict[str, Iterable[tuple[str, str]]] = {
+        "services": (
+            (f"{_byte(one)} {SERVICE_NAMES[one]}{_who(SERVICES[one])}", SERVICE_TEXTS[one]) for one in sorted(Service)
+        ),
+        "levels": ((f"`27 {one:02X}`, `27 {one + 1:02X}`", f"{_words(one.name)}{_who(LEVELS[one])}") for one in Level),
+        "identifiers": ((f"{_named(one)}{_who(WRITABLE.get(one))}", DID_TEXTS[one]) for one in sorted(Did)),
+        "routines": ((f"{_named(one)}{_who(ROUTINES[one])}", ROUTINE_TEXTS[one]) for one in sorted(Routine)),
+        "codes": ((f"{in_letters(CODES[one])}, `{CODES[one]:06X}` {one.name}", BECAUSE[one]) for one in sorted(CODES)),
+        "status": ((f"{_byte(one)} {_words(one.name or '')}", STATUS_TEXTS[one]) for one in Status),
+        "snapshot": (
+            (f"`{one:04X}`, {struct.calcsize(form)} bytes", SNAPSHOT_TEXTS[one])
+            for one, form in SNAPSHOT_FORMATS.items()
+        ),
+        "verdicts": ((f"{one.value} {one.name}", one.in_words) for one in Verdict),
+        "refusals": ((f"{_byte(one)} {_words(one.name)}", NRC_TEXTS[one]) for one in Nrc if one not in UNSENT),
+    }
+    commands = ", ".join(f"{_byte(one)} {one.name}{'*' if one in xcp.PROTECTED else ''}" for one in xcp.Command)
+    made = {
+        f"uds_{part}": "\n".join(f"- {name}{text and ': '}{text}" for name, text in lines)
+        for part, lines in lists.items()
+    }
+    return made | {"xcp_commands": f"{commands}."}
 
 
 def _who(permission: Permission | None) -> str:
@@ -235,17 +212,3 @@ def _words(name: str) -> str:
 
 def _byte(number: int) -> str:
     return f"`{number:02X}`"
-
-
-PARTS: Final[Mapping[str, Callable[[], str]]] = {
-    "uds_services": _services,
-    "uds_levels": _levels,
-    "uds_identifiers": _identifiers,
-    "uds_routines": _routines,
-    "uds_codes": _codes,
-    "uds_status": _status,
-    "uds_snapshot": _snapshot,
-    "uds_verdicts": _verdicts,
-    "uds_refusals": _refusals,
-    "xcp_commands": _xcp_commands,
-}

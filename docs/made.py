@@ -5,27 +5,20 @@ A committed page marks the place of each generated part by `<!-- made NAME -->`,
 """
 
 import re
-from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Final
 
 from docs import can_messages, command_line, diagnosis, settings, states
 
-PARTS: Final[Mapping[str, Callable[[], str]]] = {
-    **can_messages.PARTS,
-    **command_line.PARTS,
-    **diagnosis.PARTS,
-    **settings.PARTS,
-    **states.PARTS,
-}
 PLACE: Final = re.compile(r"<!-- made (\w+) -->")
+
+
+@cache
+def parts() -> dict[str, str]:
+    """Return the text of every generated part by its name."""
+    return can_messages.parts() | command_line.parts() | diagnosis.parts() | settings.parts() | states.parts()
 
 
 def whole(text: str) -> str:
     """Return a page with the generated parts in their places. Raises KeyError for an unknown name."""
-    return PLACE.sub(lambda found: _made(found[1]), text)
-
-
-@cache
-def _made(name: str) -> str:
-    return PARTS[name]()
+    return PLACE.sub(lambda found: parts()[found[1]], text)

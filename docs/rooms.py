@@ -11,12 +11,11 @@ import re
 import sys
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from functools import cache
 from html import escape
 from pathlib import Path
 from textwrap import wrap
-from typing import Final
+from typing import Final, NamedTuple
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 PICTURE: Final = ROOT / "docs" / "rooms.svg"
@@ -50,8 +49,7 @@ _IMPORT: Final = re.compile(rf"^[ \t]*((?:from [\w.]+ )?import (?:\([^)]*\)|{_NA
 INK, LINE = "#17202b", "#5b6b7d"
 
 
-@dataclass(frozen=True)
-class Box:
+class Box(NamedTuple):
     left: float
     right: float
     top: float
@@ -88,11 +86,7 @@ def _imported(root: Path, text: str) -> Iterator[str]:
 
 
 def floors(uses: Uses) -> dict[str, int]:
-    """Return the floor of every room; 0 for rooms that import no other room.
-
-    Raises:
-        ValueError: if rooms import each other in a circle.
-    """
+    """Return the floor of every room; 0 for rooms that import no other room. Raises ValueError for a circle."""
     floor = dict.fromkeys(ROOMS, 0)
     for _ in ROOMS:
         raised = {room: max([1 + floor[low] for up, low in uses if up == room], default=0) for room in ROOMS}
@@ -150,7 +144,7 @@ def _boxes(root: Path, floor: Mapping[str, int]) -> tuple[dict[str, Box], float]
             bottom = max(bottom, top + 50 + 18 * len(_lines(room, right - left)) + 30 * len(rows))
             boxes[room] = Box(left, right, top, bottom)
         for room in rooms:
-            boxes[room] = Box(boxes[room].left, boxes[room].right, top, bottom)
+            boxes[room] = boxes[room]._replace(bottom=bottom)
         top = bottom + FLOOR
     return boxes, bottom
 
@@ -170,7 +164,6 @@ def _chips(names: list[str], width: float) -> list[list[tuple[str, float]]]:
 
 
 def _lines(room: str, width: float) -> list[str]:
-    """Return the lines of the text about a room, wrapped to the width of the room's box."""
     return wrap(ROOMS[room][2], int((width - 20) / LETTER))
 
 
@@ -199,10 +192,7 @@ def _room(root: Path, room: str, box: Box, fill: str) -> str:
 
 def _free(boxes: Mapping[str, Box], upper: str, lower: str, taken: list[tuple[float, float, float]]) -> float:
     """Return the middle of the widest gap for a straight arrow between two boxes; other boxes and arrows limit gaps.
-
-    Raises:
-        ValueError: if there is no such gap.
-    """
+    Raises ValueError if there is no such gap."""
     a, b = boxes[upper], boxes[lower]
     left, right = max(a.left, b.left), min(a.right, b.right)
     blocked = [(box.left, box.right) for box in boxes.values() if box.top > a.bottom and box.bottom < b.top] + [

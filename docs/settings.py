@@ -3,7 +3,6 @@
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping
 from typing import Final
 
 from contract.config.listing import Section, Setting, sections, shown
@@ -12,8 +11,6 @@ from contract.config.rules import Source
 
 _SIGNS: Final = {"at least ": "≥", "positive": "", "non-negative": "≥0", "in ": ""}
 """Short forms of the words at the beginning of a bound. The page leaves out "positive"."""
-_LONGEST: Final = 6
-"""Largest number of words in a bound on the page. The text of the section has longer bounds."""
 
 
 def lists() -> str:
@@ -40,14 +37,14 @@ def _line(one: Setting, common: str) -> str:
 
 
 def _bounds(one: Setting) -> str:
-    """Return a setting's bound, without the reason that is in the error message; "" for positive numbers and for
-    text."""
+    """Return a setting's bound, without the reason that is in the error message; "" for positive numbers, for text, and
+    for bounds of more than six words, which are in the text of the section."""
     bounds = one.bounds.partition(":")[0].partition(", for ")[0]
     if not bounds and isinstance(one.value, int) and not isinstance(one.value, bool):
         return "with others"
     sign = next((sign for sign in _SIGNS if bounds.startswith(sign)), "")
     short = re.sub(f"^{sign}", _SIGNS.get(sign, ""), bounds)
-    return "" if short == "≥1" or len(short.split()) > _LONGEST else short
+    return "" if short == "≥1" or len(short.split()) > 6 else short
 
 
 def _source(source: Source) -> str:
@@ -57,4 +54,6 @@ def _source(source: Source) -> str:
     return f"{source.name}, {source.note}" if source.kind == "ours" else source.name
 
 
-PARTS: Final[Mapping[str, Callable[[], str]]] = {"settings": lists}
+def parts() -> dict[str, str]:
+    """Return the generated part of the page by its name."""
+    return {"settings": lists()}

@@ -5,7 +5,6 @@ table. A transition without a line, or a line without a transition, is an error.
 """
 
 import sys
-from collections.abc import Callable, Mapping
 from html import escape
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -44,8 +43,6 @@ rectangle."""
 UNWANTED, WANTED = "INIT STANDBY ARMED", "WARMUP CONTROL HOLD DECAY"
 CHOICE: Final = (560, 245)
 """Middle of the diamond. It is not a state: lines from ARMED and from an accepted request branch there."""
-_FEW: Final = 3
-"""Largest number of states that a row lists after "all but"."""
 
 
 class Line(NamedTuple):
@@ -78,10 +75,14 @@ LINES: Final = (
 
 
 def states() -> str:
-    """Return a line of the page for each state."""
+    """Return a line of the page for each state, with the state's docstring from the source."""
+    members = source.read(Path(fail_safe.__file__), fail_safe.__name__).members
+    (found,) = (one for one in members if one.name == OperatingMode.__name__)
+    of_modes = [one for one in found.members if one.kind == "attribute"]
+    texts = {OperatingMode[one.name]: " ".join(one.docstring.split()) for one in of_modes}
     return "\n".join(
         f"- {mode.name} ({mode.on_wire.name}, jets {'may run' if mode in DRIVES_JETS else 'shut'}): {text}"
-        for mode, text in _meanings().items()
+        for mode, text in texts.items()
     )
 
 
@@ -95,9 +96,9 @@ def transitions() -> str:
 
 
 def _names(start: frozenset[OperatingMode]) -> str:
-    """Return the states' names in the order of definition; if only few states are missing, "all but" their names."""
+    """Return the states' names; if at most three states are missing, "all but" the names of these."""
     names, others = ([mode.name for mode in OperatingMode if (mode in start) is inside] for inside in (True, False))
-    return f"all but {', '.join(others)}" if len(others) <= _FEW < len(names) else ", ".join(names)
+    return f"all but {', '.join(others)}" if len(others) <= 3 < len(names) else ", ".join(names)
 
 
 def _within(periods: str) -> str:
@@ -106,36 +107,18 @@ def _within(periods: str) -> str:
     return "" if periods == "1" else f"; for {' '.join(words)} periods"
 
 
-def _meanings() -> dict[OperatingMode, str]:
-    """Return each state's docstring from the source."""
-    members = source.read(Path(fail_safe.__file__), fail_safe.__name__).members
-    (found,) = (one for one in members if one.name == OperatingMode.__name__)
-    return {
-        OperatingMode[one.name]: " ".join(one.docstring.split()) for one in found.members if one.kind == "attribute"
-    }
-
-
-def rows_on(line: Line) -> list[int]:
-    """Return the numbers of the rows that a line represents."""
+def _rows_on(line: Line) -> list[int]:
     start = {OperatingMode[name] for name in line.start.split()}
-    return [
-        number
-        for number, row in enumerate(TRANSITIONS, start=1)
-        if row.to.name == line.to and not start.isdisjoint(row.start)
-    ]
+    rows = enumerate(TRANSITIONS, start=1)
+    return [number for number, row in rows if row.to.name == line.to and not start.isdisjoint(row.start)]
 
 
-def check_lines() -> None:
-    """Check the lines. Raises ValueError if a transition has no line, or a line has no transition."""
+def draw() -> str:
+    """Return the picture as SVG. Raises ValueError if a transition has no line, or a line has no transition."""
     there = {(mode.name, row.to.name) for row in TRANSITIONS for mode in row.start if mode is not row.to}
     drawn = {(name, line.to) for line in LINES for name in line.start.split()}
     if there != drawn:
         raise ValueError(f"lines of docs/states.py: missing {sorted(there - drawn)}, too many {sorted(drawn - there)}")
-
-
-def draw() -> str:
-    """Return the picture as SVG."""
-    check_lines()
     x, y = CHOICE
     parts = [_group(*group) for group in GROUPS]
     parts += [
@@ -147,7 +130,7 @@ def draw() -> str:
         _text(268, 330, "rises", 13),
     ]
     parts += [_path(line.corners) for line in LINES]
-    parts += [_label(line.label, _ranges(rows_on(line))) for line in LINES]
+    parts += [_label(line.label, _ranges(_rows_on(line))) for line in LINES]
     parts += [_state(name, *corner) for name, corner in STATES.items()]
     return f"""<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" \
 font-family="system-ui, 'Segoe UI', Helvetica, Arial, sans-serif" fill="{INK}">
@@ -205,7 +188,12 @@ STATED: Final = (
     f"**{_CONFIG.hold_periods + _CONFIG.decay_periods} in a row**",
 )
 """Phrases of the page that contain numbers from the code. A test checks that the page has these phrases."""
-PARTS: Final[Mapping[str, Callable[[], str]]] = {"states": states, "transitions": transitions}
+
+
+def parts() -> dict[str, str]:
+    """Return the generated parts of the page by their names."""
+    return {"states": states(), "transitions": transitions()}
+
 
 if __name__ == "__main__":
     PICTURE.write_text(draw(), encoding="utf-8")

@@ -101,7 +101,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
 
 
 def _write(app: Sphinx, config: Config) -> None:
-    del app, config
     made = texts()
     for stale in {*FOLDER.glob("*.rst")} - made.keys():
         stale.unlink()

@@ -45,31 +45,16 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 OWN: Final = ROOT / "docs" / "browser"
 LIVE: Final = ROOT / "firmware_sim" / "live" / "page"
 SHARED: Final = (
-    *(
-        "vendor/uPlot.iife.min.js",
-        "vendor/uPlot.min.css",
-        "widgets/theme.css",
-        "widgets/widgets.css",
-        "live.css",
-        "fields.js",
-        "headline.js",
-    ),
+    *("vendor/uPlot.iife.min.js", "vendor/uPlot.min.css", "widgets/theme.css", "widgets/widgets.css"),
+    *("live.css", "fields.js", "headline.js"),
     *(f"widgets/{name}.js" for name in ("format", "colours", "frames", "chart", "state_machine", "event_log")),
 )
 """Files that this page shares with the live page."""
-PROGRAM: Final = "program.js"
-"""Name of the script with the ECU, the data about the ECU, and the drives."""
-DRIVES: Final = {
-    "controlled_2_0": "under an earlier controller",
-    "none_0": "without jets",
-}
+DRIVES: Final = {"controlled_2_0": "under an earlier controller", "none_0": "without jets"}
 """Episodes of the shipped recording, with the names that the page shows."""
 PERIODS: Final = 1100
 """Length of a drive in control periods; a drive lasts 22 s."""
-EXPORTS: Final = (
-    *("sw_ecu_init", "sw_ecu_step", "sw_ecu_calibrate", "sw_ecu_bytes", "sw_e2e_protect"),
-    "__heap_base",
-)
+EXPORTS: Final = ("sw_ecu_init", "sw_ecu_step", "sw_ecu_calibrate", "sw_ecu_bytes", "sw_e2e_protect", "__heap_base")
 FLAGS: Final = (
     *("-target", "wasm32-freestanding", "-O3", "-msimd128", "-mbulk-memory", "-ffp-contract=off", "-ffreestanding"),
     *("-nostdlib", "-Wl,--no-entry", "-Wl,--strip-all", *(f"-Wl,--export={name}" for name in EXPORTS)),
@@ -78,20 +63,13 @@ FLAGS: Final = (
 
 
 def write_page(folder: Path, sources: Mapping[str, bytes], release: Bundle, config: Config) -> None:
-    """Write the page and its program into a folder.
-
-    Args:
-        sources: sources of the release's ECU for a vehicle's settings (`ecu.in_c.c_ecu.ecu_sources`).
-
-    Raises:
-        LibraryError: `ziglang` is not installed, or the sources do not compile.
-        StillwakeError: the shipped recording is not installed.
-    """
+    """Write the page and its program into a folder; `sources` are as of `ecu.in_c.c_ecu.ecu_sources`. Raises
+    LibraryError as `compiled` does; StillwakeError if the shipped recording is not installed."""
     folder.mkdir(parents=True, exist_ok=True)
     for path in (*(LIVE / name for name in SHARED), *OWN.iterdir()):
         shutil.copy(path, folder / path.name)
     program = {"wasm": _text(compiled(sources)), "facts": facts(sources, release, config)}
-    (folder / PROGRAM).write_text(f"globalThis.stillwakeProgram = {json.dumps(program)};\n", encoding="utf-8")
+    (folder / "program.js").write_text(f"globalThis.stillwakeProgram = {json.dumps(program)};\n", encoding="utf-8")
 
 
 def compiled(sources: Mapping[str, bytes]) -> bytes:
@@ -203,7 +181,6 @@ def _write(app: Sphinx, failure: Exception | None) -> None:
 
 
 def _key() -> str:
-    """Return a hash of the files from which the page is built."""
     found = hashlib.sha256(open_release(None).digest.encode())
     for place in (ROOT / "ecu", ROOT / "export", LIVE, OWN, Path(__file__)):
         for path in sorted(place.rglob("*")) if place.is_dir() else [place]:

@@ -29,6 +29,5 @@ def _display(writer: HTML5Translator, node: nodes.math_block) -> None:
 
 
 def _level(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: object) -> None:
-    del app, page, template, doctree
     if _NAVIGATION in context:
         context[_NAVIGATION] = context[_NAVIGATION].replace('role="heading"', 'role="heading" aria-level="2"')

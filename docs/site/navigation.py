@@ -1,56 +1,37 @@
 """The site's sections, groups and pages, in the order of the lists in `docs/README.md`."""
 
 import re
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
-_HEADING: Final = re.compile(r"^(##|###) (.+)$")
-_BULLET: Final = re.compile(r"^- ")
 _LINK: Final = re.compile(r"\]\(([^)#\s]+)")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Group:
-    """A group of pages in a section.
-
-    Attributes:
-        name: heading of the group; "" for pages that are directly in the section.
-        text: the Markdown below the heading.
-        pages: the links in the group's lists, in the same order.
-    """
+class Group(NamedTuple):
+    """A group of pages in a section: its heading ("" for pages that are directly in the section), the Markdown below
+    the heading, and the links in the group's lists, in the same order."""
 
     name: str
     text: str
     pages: tuple[str, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Section:
+class Section(NamedTuple):
     name: str
     groups: tuple[Group, ...]
 
 
-def sections(readme: str) -> tuple[Section, ...]:
+def sections(readme: str) -> list[Section]:
     """Return all sections that contain a list. Only links in lists count as pages."""
-    found: list[tuple[str, list[tuple[str, list[str]]]]] = []
-    for line in readme.splitlines():
-        heading = _HEADING.match(line)
-        if heading is None:
-            if found:
-                found[-1][1][-1][1].append(line)
-        elif heading[1] == "##":
-            found.append((heading[2], [("", [])]))
-        else:
-            found[-1][1].append((heading[2], []))
-    made = [Section(name=name, groups=tuple(_groups(groups))) for name, groups in found]
-    return tuple(section for section in made if section.groups)
+    found = []
+    for section in re.split(r"^## ", readme, flags=re.MULTILINE)[1:]:
+        name, _, body = section.partition("\n")
+        texts = re.split(r"^### (.+)$", body, flags=re.MULTILINE)
+        made = (_group(*one) for one in zip(["", *texts[1::2]], texts[::2], strict=True))
+        if groups := tuple(group for group in made if group.pages):
+            found.append(Section(name, groups))
+    return found
 
 
-def _groups(groups: list[tuple[str, list[str]]]) -> list[Group]:
-    made = [Group(name=name, text="\n".join(lines).strip(), pages=_pages(lines)) for name, lines in groups]
-    return [group for group in made if group.pages]
-
-
-def _pages(lines: list[str]) -> tuple[str, ...]:
-    first = next((number for number, line in enumerate(lines) if _BULLET.match(line)), len(lines))
-    return tuple(_LINK.findall("\n".join(lines[first:])))
+def _group(name: str, text: str) -> Group:
+    lists = f"\n{text}".partition("\n- ")[2]
+    return Group(name, text.strip(), tuple(_LINK.findall(lists)))

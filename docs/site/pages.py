@@ -6,7 +6,7 @@ ignores. A page that has not changed is not written.
 
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,7 +14,7 @@ from sphinx.application import Sphinx
 from sphinx.config import Config
 
 from docs.made import PLACE, whole
-from docs.site.navigation import Group, sections
+from docs.site.navigation import sections
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 DOCS: Final = ROOT / "docs"
@@ -56,39 +56,43 @@ def moved(text: str, source: Path, target: Path) -> str:
 
     def both(found: re.Match[str]) -> str:
         files = {"light": found[1], "dark": found[2]}
-        images = (
-            f"```{{image}} {path(file)}\n:class: only-{mode}\n:alt: {found[3]}\n```" for mode, file in files.items()
-        )
-        return "\n\n".join(images)
+        shown = (f"```{{image}} {path(one)}\n:class: only-{mode}\n:alt: {found[3]}\n```" for mode, one in files.items())
+        return "\n\n".join(shown)
 
     return _PICTURE.sub(both, _LINK.sub(lead, text))
 
 
 def pages() -> dict[Path, str]:
     """Return the text of every generated page by the path of its file."""
-    made = {DOCS / f"{name}.markdown": _whole(path, DOCS / f"{name}.markdown") for path, name in outside().items()}
+    made = {}
+    for path, name in outside().items():
+        target = DOCS / f"{name}.markdown"
+        made[target] = moved(path.read_text(encoding="utf-8"), path, target)
     readme = (DOCS / "README.md").read_text(encoding="utf-8")
     toctrees = [_toctree("Start", [f"Overview </{outside()[ROOT / 'README.md']}>"])]
     for section in sections(readme):
         entries = []
         for group in section.groups:
+            names = [docname(Path(os.path.normpath(DOCS / page))) for page in group.pages]
             if group.name:
                 path = GENERATED / _slug(section.name) / f"{_slug(group.name)}.markdown"
-                made[path] = _group_page(group, path)
-                entries.append(docname_of_generated(path))
-            else:
-                entries += [docname(_resolved(page)) for page in group.pages]
+                text = moved(group.text, DOCS / "README.md", path)
+                made[path] = f"# {group.name}\n\n{text}\n{_toctree('', names)}"
+                names = [docname(path)]
+            entries += names
         if section.name == "Reference":
             entries.append("generated/api/index")
         toctrees.append(_toctree(section.name, entries))
         if section.name == "Tutorial":
-            toctrees.append(_toctree("Examples", list(_examples())))
-    made[INDEX] = f"{_introduction()}\n{_documents(readme)}\n{''.join(toctrees)}"
+            gallery = ["generated/gallery/index"] if has_gallery() else []
+            others = [name for path, name in outside().items() if path.parent != ROOT]
+            toctrees.append(_toctree("Examples", gallery + others))
+    # The first page has the README's title, introduction and first section, and then the list of documents, in which
+    # every heading is one level lower.
+    parts = moved((ROOT / "README.md").read_text(encoding="utf-8"), ROOT / "README.md", INDEX).split("\n## ")[:2]
+    documents = re.sub(r"^#", "##", readme, flags=re.MULTILINE)
+    made[INDEX] = "\n## ".join(parts) + f"\n{documents}\n{''.join(toctrees)}"
     return made
-
-
-def docname_of_generated(path: Path) -> str:
-    return path.relative_to(DOCS).with_suffix("").as_posix()
 
 
 def write(texts: Mapping[Path, str]) -> None:
@@ -104,18 +108,13 @@ def has_gallery() -> bool:
     return any((ROOT / "examples" / "gallery").glob("*.py"))
 
 
-STORIES: Final = (
-    "recording_to_sensors.py",
-    "differentiate_the_flow.py",
-    "fault_in_the_loop.py",
-    "bundle_to_cortex_m7.py",
-)
+STORIES: Final = ("recording_to_sensors", "differentiate_the_flow", "fault_in_the_loop", "bundle_to_cortex_m7")
 """The gallery's scripts in the order of the site."""
 
 
-def place_in_gallery(name: str) -> tuple[int, str]:
-    """Return a sort key for a script of the gallery; scripts that are not in `STORIES` come last."""
-    return (STORIES.index(name) if name in STORIES else len(STORIES), name)
+def place_in_gallery(name: str) -> int:
+    """Return a sort key for a script of the gallery."""
+    return STORIES.index(name.removesuffix(".py"))
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
@@ -128,7 +127,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
 
 
 def _write(app: Sphinx, config: Config) -> None:
-    del app, config
     made = pages()
     for stale in {*GENERATED.rglob("*.markdown")} - made.keys():
         stale.unlink()
@@ -137,62 +135,24 @@ def _write(app: Sphinx, config: Config) -> None:
 
 def _with_parts(app: Sphinx, env: object, added: set[str], changed: set[str], removed: set[str]) -> list[str]:
     """Return the pages with generated parts. Sphinx must always read them, as these parts change without the file."""
-    del app, env, added, changed, removed
     return [docname(path) for path in DOCS.rglob("*.md") if PLACE.search(path.read_text(encoding="utf-8"))]
 
 
 def _fill(app: Sphinx, name: str, source: list[str]) -> None:
-    del app, name
     source[0] = whole(source[0])
 
 
 def _collapse(app: Sphinx, page: str, template: str, context: dict[str, Any], tree: object) -> None:
     """Show only this page's branch of the navigation: a full one on every page takes a quarter of the build's time."""
-    del app, page, template, tree
     whole = context.get("toctree")
     if whole is not None:
         context["toctree"] = lambda **options: whole(**{**options, "collapse": True})
 
 
-def _examples() -> Iterator[str]:
-    if has_gallery():
-        yield "generated/gallery/index"
-    yield from (name for path, name in outside().items() if path.parent != ROOT)
-
-
-def _whole(path: Path, target: Path) -> str:
-    return moved(path.read_text(encoding="utf-8"), path, target)
-
-
-def _group_page(group: Group, path: Path) -> str:
-    names = [docname(_resolved(page)) for page in group.pages]
-    return f"# {group.name}\n\n{moved(group.text, DOCS / 'README.md', path)}\n{_toctree('', names)}"
-
-
-def _introduction() -> str:
-    """Return the README's title, introduction and first section."""
-    text = moved((ROOT / "README.md").read_text(encoding="utf-8"), ROOT / "README.md", INDEX)
-    return "\n## ".join(text.split("\n## ")[:2])
-
-
-def _documents(readme: str) -> str:
-    """Return the README's list of documents, with every heading one level lower."""
-    return re.sub(r"^#", "##", readme, flags=re.MULTILINE)
-
-
-def _resolved(link: str) -> Path:
-    return Path(os.path.normpath(DOCS / link))
-
-
 def _toctree(caption: str, names: list[str]) -> str:
     head = f":hidden:\n:caption: {caption}\n" if caption else ":hidden:\n"
-    return (
-        "\n```{toctree}\n"
-        + head
-        + "\n"
-        + "".join(f"{name if ' ' in name else f'/{name}'}\n" for name in names)
-        + "```\n"
-    )
+    entries = "".join(f"{name if ' ' in name else f'/{name}'}\n" for name in names)
+    return f"\n```{{toctree}}\n{head}\n{entries}```\n"
 
 
 def _slug(name: str) -> str:

@@ -26,7 +26,6 @@ class ExactNames(SphinxPostTransform):
     default_priority = 5
 
     def run(self, **options: Any) -> None:
-        del options
         domain = self.env.domains.python_domain
         for node in list(self.document.findall(addnodes.pending_xref)):
             if node.get("refdomain") == "py":
@@ -43,7 +42,6 @@ class NamesInText(SphinxPostTransform):
     default_priority = 6
 
     def run(self, **options: Any) -> None:
-        del options
         domain = self.env.domains.python_domain
         for node in list(self.document.findall(nodes.literal)):
             text = node.astext()
@@ -54,12 +52,9 @@ class NamesInText(SphinxPostTransform):
                 node.replace_self([_reference(self, domain, name, [node.deepcopy()])])
 
 
-def _reference(
-    transform: SphinxPostTransform, domain: PythonDomain, name: str, content: list[nodes.Node]
-) -> nodes.reference:
+def _reference(of: SphinxPostTransform, domain: PythonDomain, name: str, content: list[nodes.Node]) -> nodes.reference:
     entry = domain.objects[name]
-    builder = transform.app.builder
-    return make_refnode(builder, transform.env.docname, entry.docname, entry.node_id, content, name)
+    return make_refnode(of.app.builder, of.env.docname, entry.docname, entry.node_id, content, name)
 
 
 def lead_outside(app: Sphinx, doctree: nodes.document) -> None:

@@ -4,15 +4,12 @@ Python's evaluated types would be unreadable. An array would be `numpy.ndarray[t
 """
 
 import ast
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from copy import deepcopy
-from typing import Final
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 Names = Mapping[str, str]
 """The full names of the project's types, by the names that a module uses for them."""
-
-_LONGEST_DEFAULT: Final = 40
 
 
 def arguments(node: Function, names: Names, *, bound: bool) -> str:
@@ -26,30 +23,22 @@ def arguments(node: Function, names: Names, *, bound: bool) -> str:
     return f"({ast.unparse(made)})"
 
 
-def fields(node: ast.ClassDef, names: Names) -> str:
-    """Return the fields of a dataclass or named tuple as arguments in brackets."""
-    return f"({', '.join(_fields(node, names))})"
-
-
 def annotation(node: ast.expr, names: Names) -> str:
     """Return a type. The project's types begin with `~`, so that Sphinx shows only the last part of their names."""
     return ast.unparse(_Full(names).visit(deepcopy(node)))
 
 
-def _fields(node: ast.ClassDef, names: Names) -> Iterator[str]:
-    if any("kw_only=True" in ast.unparse(one) for one in node.decorator_list):
-        yield "*"
+def fields(node: ast.ClassDef, names: Names) -> str:
+    """Return the fields of a dataclass or named tuple as arguments in brackets. A long default is shown as "..."."""
+    found = ["*"] if any("kw_only=True" in ast.unparse(one) for one in node.decorator_list) else []
     for one in node.body:
         if isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name) and not one.target.id.startswith("_"):
             kind = annotation(one.annotation, names)
+            text = "" if one.value is None else ast.unparse(one.value)
+            default = text if len(text) < 40 and not text.startswith("field(") else "..."
             if not kind.startswith("ClassVar"):
-                yield f"{one.target.id}: {kind}" + ("" if one.value is None else f" = {_default(one.value)}")
-
-
-def _default(value: ast.expr) -> str:
-    """Return a default as in the source, or "..." for a long default."""
-    text = ast.unparse(value)
-    return text if len(text) < _LONGEST_DEFAULT and not text.startswith("field(") else "..."
+                found.append(f"{one.target.id}: {kind}" + (f" = {default}" if text else ""))
+    return f"({', '.join(found)})"
 
 
 class _Full(ast.NodeTransformer):

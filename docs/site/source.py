@@ -17,7 +17,6 @@ Kind = Literal["function", "class", "exception", "method", "property", "attribut
 PACKAGES: Final = ("contract", "wake", "train", "export", "can_bridge", "ecu", "firmware_sim")
 """The packages in the API. The first package is the one that all others import."""
 _PROPERTIES: Final = ("property", "cached_property")
-_LONGEST_VALUE: Final = 60
 
 
 def is_ours(name: str) -> bool:
@@ -27,16 +26,9 @@ def is_ours(name: str) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Member:
-    """A public definition in a module or class.
-
-    Attributes:
-        kind: name of Sphinx's directive for Python.
-        name: name in the module or class.
-        signature: text that follows the name, such as "(x: int) -> str".
-        options: options of the directive.
-        docstring: the docstring; "" if a function or a class has none.
-        members: the definitions in a class.
-    """
+    """A public definition in a module or class. `kind` is the name of Sphinx's directive for Python, with `options`;
+    `signature` is the text that follows the name, such as "(x: int) -> str"; `docstring` is "" if a function or a class
+    has none; `members` are the definitions in a class."""
 
     kind: Kind
     name: str
@@ -98,13 +90,11 @@ def _function(node: Function, names: Names, *, inside: bool) -> Iterator[Member]
 
 
 def _class(node: ast.ClassDef, names: Names) -> Member:
-    signature = ""
+    signature, marks = "", [ast.unparse(one) for one in (*node.decorator_list, *node.bases)]
     init = next((one for one in node.body if isinstance(one, ast.FunctionDef) and one.name == "__init__"), None)
     if init is not None:
         signature = arguments(init, names, bound=True)
-    elif any(
-        "dataclass" in mark or mark == "NamedTuple" for mark in map(ast.unparse, (*node.decorator_list, *node.bases))
-    ):
+    elif any("dataclass" in mark or mark == "NamedTuple" for mark in marks):
         signature = fields(node, names)
     return Member(
         kind="exception" if node.name.endswith("Error") else "class",
@@ -119,7 +109,7 @@ def _options(node: ast.Assign | ast.AnnAssign, names: Names) -> Iterator[str]:
     if isinstance(node, ast.AnnAssign) and (kind := annotation(node.annotation, names)) != "Final":
         yield f":type: {kind.removeprefix('Final[').removesuffix(']') if kind.startswith('Final[') else kind}"
     value = "" if node.value is None else ast.unparse(node.value)
-    if 0 < len(value) < _LONGEST_VALUE and "\n" not in value:
+    if 0 < len(value) < 60 and "\n" not in value:
         yield f":value: {value}"
 
 

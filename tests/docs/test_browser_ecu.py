@@ -29,8 +29,7 @@ pytestmark = [
     pytest.mark.compiler,
     pytest.mark.skipif(zig_compiler() is None, reason="ziglang is not installed (extra mcu)"),
 ]
-RATIO = 2**-10
-"""A weight that a float32 has exactly."""
+RATIO = 2**-10  # a weight that a float32 has exactly
 CHANGES: dict[int, dict[str, Any]] = {
     40: {"request": True},
     120: {"values": {1: 64 * RATIO, 5: 2048 * RATIO}},
@@ -129,12 +128,9 @@ def test_each_command_equals_the_host_s_bit_for_bit_and_each_frame_the_bridge_s(
     pressure, speed = E2eSender(messages.pressure.spec), E2eSender(messages.speed.spec)
     cruise = VehicleSpeed(speed_m_per_s=point.speed, age_ns=0, density_kg_per_m3=None)
     for k, (received, *_) in enumerate(told[:200]):
-        pascal = tuple(float(value) for value in rows[k])
-        wanted = Pressure(pressure_pa=pascal, valid=(True,) * 4, enable_request=k >= 40, age_ns=0)
-        frames = (
-            pressure.frame(messages.pressure.emit(wanted), now_ns=0),
-            speed.frame(messages.speed.emit(cruise), now_ns=0),
-        )
+        wanted = Pressure(pressure_pa=tuple(rows[k].tolist()), valid=(True,) * 4, enable_request=k >= 40, age_ns=0)
+        sent = (pressure, messages.pressure.emit(wanted)), (speed, messages.speed.emit(cruise))
+        frames = (sender.frame(payload, now_ns=0) for sender, payload in sent)
         assert received == [[one.frame_id, one.data.hex()] for one in frames], k
 
 

@@ -17,7 +17,7 @@ from contract.config.controller import CostWeights
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
-from contract.recording.dataset import UNITS, Dataset, Episode, write
+from contract.recording.dataset import Dataset, write
 from contract.recording.importing.forces import read_forces
 from contract.release import bundle
 from contract.sensors import TRUCK
@@ -26,6 +26,7 @@ from examples import own_selection
 from examples.own_faults import EveryNth, WithSensors, clipped, third_lost
 from examples.own_plant import OscillatorPlant
 from firmware_sim.bench.simulation import Simulation, Spans
+from tests.contract.recording.random_episodes import episode
 from tests.docs.blocks.pages import ROOT, python
 from train.networks.samples import Rows
 
@@ -116,11 +117,7 @@ def test_a_selection_finds_the_sensors_that_the_forces_are_made_of():
 
 
 def test_its_script_prints_names_that_train_takes(tmp_path, capsys):
-    rng = np.random.default_rng(2)
-    series = {name: rng.normal(size=(60, len(TRUCK)) if name == "Cp" else 60) for name in UNITS}
-    series["t"], series["action"] = 0.2 * np.arange(60.0), 0.01 * np.sin(np.arange(60.0))
-    episode = Episode(name="one", role="train", series=series, initial_action=0.0, provenance={})
-    write(tmp_path / "my.h5", Dataset(episodes=(episode,)))
+    write(tmp_path / "my.h5", Dataset(episodes=(episode(steps=60),)))
     own_selection.main(str(tmp_path / "my.h5"), 4)
     assert len(TRUCK.indices(capsys.readouterr().out.strip().split(","))) == 4
     with pytest.raises(SystemExit, match=r"none\.h5: no such dataset"):

@@ -13,7 +13,7 @@ from can_bridge.bus.faults.text import BUS_FAULTS
 from can_bridge.uds.services import Nrc
 from contract.config.loading import leaves, load_config, to_tree
 from docs import can_messages, command_line, diagnosis, rooms, settings, states
-from docs.made import PARTS, PLACE
+from docs.made import PLACE, parts
 from docs.site import api, source
 from ecu.fail_safe import TRANSITIONS, OperatingMode
 from firmware_sim.bench.disturbances import KINDS
@@ -39,7 +39,7 @@ def test_every_public_module_is_on_one_page_of_the_site():
 
 def test_every_part_that_is_made_has_one_place():
     pages = (page.read_text(encoding="utf-8") for page in (ROOT / "docs").rglob("*.md"))
-    assert sorted(name for page in pages for name in PLACE.findall(page)) == sorted(PARTS)
+    assert sorted(name for page in pages for name in PLACE.findall(page)) == sorted(parts())
 
 
 def sections(page: str, heading: str) -> dict[str, str]:

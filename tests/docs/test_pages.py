@@ -40,11 +40,9 @@ _CODE = re.compile(r"```.*?```", re.DOTALL)
 _FILE = re.compile(r"`([\w.-]+(?:/[\w.*-]+)*/(?:[\w*-]+\.(?:py|c|h|md|toml|pub|h5|npz|dbc|json))?)`")
 _NAME = re.compile(r"`((?:contract|wake|export|can_bridge|firmware_sim|stillwake|benchmarks)(?:\.(?!npz\b)\w+)+)`")
 _OWN = {path.parent.name for path in ROOT.glob("*/__init__.py")} | {"docs", "results", "tests"}
-GAP = "\0"
-"""Stands for what a message fills in."""
+GAP = "\0"  # stands for what a message fills in
 PICTURES = ROOT / "docs" / "pictures"
-NOT_FROM_RESULTS = {"mean_flow.png"}
-"""Drawn by `stillwake picture --field mean`."""
+NOT_FROM_RESULTS = {"mean_flow.png"}  # drawn by `stillwake picture --field mean`
 
 
 def _id(page: Path) -> str:

@@ -39,7 +39,6 @@ class Line(NamedTuple):
 
     @property
     def call(self) -> list[str]:
-        """The words that are run, without the program."""
         whole = "\n".join(self.words)
         for item in self.plan.get("shorter", ()):
             for expression, replacement in PLAN["shorter"][item] if isinstance(item, str) else [item]:
@@ -58,7 +57,6 @@ class Block(NamedTuple):
 
     @property
     def first(self) -> str:
-        """The first line, by which a block is named."""
         return self.text.partition("\n")[0]
 
     @property
@@ -69,7 +67,6 @@ class Block(NamedTuple):
 
     @property
     def lines(self) -> list[Line]:
-        """The commands of a block of a shell, in their order."""
         bare = re.sub(r"(?m)(^|\s)#.*$", "", self.text.replace("\\\n", " "))
         texts = [" ".join(one.split()) for line in bare.split("\n") for one in re.split(r"\s&&\s", line)]
         return [Line(self.page, text) for text in texts if text and self.language == "shell"]
