@@ -66,7 +66,12 @@ def main(arguments: list[str]) -> None:
 def _run(arguments: list[str]) -> None:
     name, *options = arguments or ["--help"]
     if name == "--help":
-        _list()
+        table = Table("python -m benchmarks NAME", "", "takes", box=None, pad_edge=False)
+        for each, one in (MEASUREMENTS | PAGES).items():
+            table.add_row(each, one.text, one.takes)
+        console = Console()
+        console.print(table)
+        console.print("The documents' tables are made from results/NAME.json: --json writes it.", highlight=False)
         return
     found = (MEASUREMENTS | PAGES).get(name)
     if found is None:
@@ -74,15 +79,6 @@ def _run(arguments: list[str]) -> None:
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
     app.command()(import_module(f"benchmarks.{found.module}").main)
     app(options, prog_name=f"python -m benchmarks {name}")
-
-
-def _list() -> None:
-    table = Table("python -m benchmarks NAME", "", "takes", box=None, pad_edge=False)
-    for name, one in (MEASUREMENTS | PAGES).items():
-        table.add_row(name, one.text, one.takes)
-    console = Console()
-    console.print(table)
-    console.print("The documents' tables are made from results/NAME.json: --json writes it.", highlight=False)
 
 
 if __name__ == "__main__":

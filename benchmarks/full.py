@@ -23,7 +23,7 @@ from fnmatch import fnmatch
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any, Final, NoReturn
+from typing import Annotated, Any, Final
 
 import typer
 from rich.table import Table
@@ -131,11 +131,9 @@ def main(
 def _make(one: Figures) -> None:
     began, before = time.monotonic(), made(one.file).get("minutes")
     for command in one.before:
-        if _status(command) != 0:
-            _fail(one, command)
+        _call(one, command)
     # The path is relative, because some files state the command that made them.
-    if _status(f"{one.run} --json {os.path.relpath(one.file, ROOT)}") not in (0, one.status):
-        _fail(one, one.run)
+    _call(one, one.run, "--json", os.path.relpath(one.file, ROOT), good=(0, one.status))
     minutes: float | None = round((time.monotonic() - began) / 60.0, 1)
     content = read(one.file)
     # A continued campaign takes less time than a whole campaign, so the earlier duration is kept.
@@ -146,13 +144,10 @@ def _make(one: Figures) -> None:
         temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
-def _fail(one: Figures, command: str) -> NoReturn:
-    raise StillwakeError(f"{one.name}: {command!r} failed; `python -m benchmarks full --resume` continues here")
-
-
-def _status(command: str) -> int:
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
-    return subprocess.run(shlex.split(command), cwd=ROOT, env={**os.environ, "PATH": path}, check=False).returncode
+def _call(one: Figures, command: str, *more: str, good: tuple[int, ...] = (0,)) -> None:
+    places = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"}
+    if subprocess.run([*shlex.split(command), *more], cwd=ROOT, env=places, check=False).returncode not in good:
+        raise StillwakeError(f"{one.name}: {command!r} failed; `python -m benchmarks full --resume` continues here")
 
 
 def _list(chosen: list[Figures]) -> None:

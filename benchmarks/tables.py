@@ -18,7 +18,7 @@ from benchmarks.release import tables as release
 from contract.atomic import replacing
 
 
-class PageTable(NamedTuple):
+class Table(NamedTuple):
     """A table of the pages: the function that returns it, and the names of the results files that this function takes.
     The last field names the file whose date, version and release are stated below the table, usually the file with most
     rows. The field is empty if the table itself states them."""
@@ -29,48 +29,44 @@ class PageTable(NamedTuple):
 
 
 TABLES: Final = {
-    "authentication": PageTable(bus.authentication, ("bus", "bus_studies"), "bus_studies"),
-    "bounds": PageTable(controller.bounds, ("bounds",)),
-    "bundle_fuzz": PageTable(release.bundle_fuzz, ("bundle_fuzz",)),
-    "bus": PageTable(bus.bus, ("bus", "bus_studies")),
-    "bus_faults": PageTable(bus.bus_faults, tuple(bus.FAULTED.values()), "bus_loss_05"),
-    "bus_runs": PageTable(bus.bus_runs, tuple(bus.RUNS.values()), "bus_secured"),
-    "campaign": PageTable(release.campaign, ("campaign",)),
-    "can_load": PageTable(bus.can_load, tuple(bus.CAN_LOADS), "can_load_fd"),
-    "controller": PageTable(controller.latency, ("controller",), "controller"),
-    "demo": PageTable(release.demo, ("demo",)),
-    "drive": PageTable(release.drive, ("drive",)),
-    "ecu_c": PageTable(ecu.twin, ("ecu_c",)),
-    "ecu_loop": PageTable(ecu.loops, ("ecu_loop",)),
-    "flash_c": PageTable(ecu.flash_c, ("flash_c",), "flash_c"),
-    "flash_pieces": PageTable(ecu.flash_pieces, ("flash_pieces",)),
-    "flash_proof": PageTable(ecu.flash_proof, ("flash",)),
-    "iterations": PageTable(release.iterations, ("iterations",)),
-    "latency": PageTable(bus.latency, ("latency",)),
-    "limits": PageTable(
-        release.limits, ("demo", "limit_late_start", "limit_latency", "limit_iterations"), "limit_latency"
-    ),
-    "mcu": PageTable(controller.mcu, ("mcu",)),
-    "mcu_release": PageTable(controller.mcu_release, ("mcu",), "mcu"),
-    "mcu_worst": PageTable(controller.mcu_worst, ("mcu",)),
-    "models": PageTable(ecu.models, ("models",)),
-    "openfoam_drive": PageTable(release.openfoam_drive, ("own_drive", "openfoam_drive"), "openfoam_drive"),
-    "openfoam_loop": PageTable(release.openfoam_loop, ("demo", "openfoam_loop")),
-    "proofs": PageTable(ecu.proofs, ("proofs",)),
-    "release_distributions": PageTable(release.release_distributions, ("release_figures",), "release_figures"),
-    "release_forecasts": PageTable(release.release_forecasts, ("release_figures",)),
-    "release_loop": PageTable(release.release_loop, ("release_loop",)),
-    "roads": PageTable(release.roads, ("roads", "release_loop"), "roads"),
-    "runtimes": PageTable(controller.runtimes, ("runtimes",), "runtimes"),
-    "sensor_check_alarms": PageTable(ecu.alarms, ("sensor_check",), "sensor_check"),
-    "sensor_check_faults": PageTable(ecu.faults, ("sensor_check",), "sensor_check"),
-    "square_loop": PageTable(release.release_loop, ("square_loop",)),
-    "steady": PageTable(release.steady, ("steady", "demo")),
-    "steps": PageTable(controller.steps, ("wake_speed",), "wake_speed"),
-    "summary": PageTable(
-        release.summary, ("demo", "openfoam_loop", "open_loop", "release_loop", "roads", "drive"), "demo"
-    ),
-    "uds_states": PageTable(ecu.uds_states, ("uds_states",)),
+    "authentication": Table(bus.authentication, ("bus", "bus_studies"), "bus_studies"),
+    "bounds": Table(controller.bounds, ("bounds",)),
+    "bundle_fuzz": Table(release.bundle_fuzz, ("bundle_fuzz",)),
+    "bus": Table(bus.bus, ("bus", "bus_studies")),
+    "bus_faults": Table(bus.bus_faults, tuple(bus.FAULTED.values()), "bus_loss_05"),
+    "bus_runs": Table(bus.bus_runs, tuple(bus.RUNS.values()), "bus_secured"),
+    "campaign": Table(release.campaign, ("campaign",)),
+    "can_load": Table(bus.can_load, tuple(bus.CAN_LOADS), "can_load_fd"),
+    "controller": Table(controller.latency, ("controller",), "controller"),
+    "demo": Table(release.demo, ("demo",)),
+    "drive": Table(release.drive, ("drive",)),
+    "ecu_c": Table(ecu.twin, ("ecu_c",)),
+    "ecu_loop": Table(ecu.loops, ("ecu_loop",)),
+    "flash_c": Table(ecu.flash_c, ("flash_c",), "flash_c"),
+    "flash_pieces": Table(ecu.flash_pieces, ("flash_pieces",)),
+    "flash_proof": Table(ecu.flash_proof, ("flash",)),
+    "iterations": Table(release.iterations, ("iterations",)),
+    "latency": Table(bus.latency, ("latency",)),
+    "limits": Table(release.limits, ("demo", "limit_late_start", "limit_latency", "limit_iterations"), "limit_latency"),
+    "mcu": Table(controller.mcu, ("mcu",)),
+    "mcu_release": Table(controller.mcu_release, ("mcu",), "mcu"),
+    "mcu_worst": Table(controller.mcu_worst, ("mcu",)),
+    "models": Table(ecu.models, ("models",)),
+    "openfoam_drive": Table(release.openfoam_drive, ("own_drive", "openfoam_drive"), "openfoam_drive"),
+    "openfoam_loop": Table(release.openfoam_loop, ("demo", "openfoam_loop")),
+    "proofs": Table(ecu.proofs, ("proofs",)),
+    "release_distributions": Table(release.release_distributions, ("release_figures",), "release_figures"),
+    "release_forecasts": Table(release.release_forecasts, ("release_figures",)),
+    "release_loop": Table(release.release_loop, ("release_loop",)),
+    "roads": Table(release.roads, ("roads", "release_loop"), "roads"),
+    "runtimes": Table(controller.runtimes, ("runtimes",), "runtimes"),
+    "sensor_check_alarms": Table(ecu.alarms, ("sensor_check",), "sensor_check"),
+    "sensor_check_faults": Table(ecu.faults, ("sensor_check",), "sensor_check"),
+    "square_loop": Table(release.release_loop, ("square_loop",)),
+    "steady": Table(release.steady, ("steady", "demo")),
+    "steps": Table(controller.steps, ("wake_speed",), "wake_speed"),
+    "summary": Table(release.summary, ("demo", "openfoam_loop", "open_loop", "release_loop", "roads", "drive"), "demo"),
+    "uds_states": Table(ecu.uds_states, ("uds_states",)),
 }
 """All tables by their names in the pages."""
 

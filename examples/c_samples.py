@@ -33,10 +33,8 @@ def main(folder: Annotated[Path, typer.Argument(help="Where to write the samples
     windows = random_windows(program, 10)
     series = np.concatenate(windows[:2]).astype(np.float32).astype(np.float64)
     sliding = [series[k : k + program.window] for k in range(len(series) - program.window + 1)]
-    others = {
-        RECORDED: rows_text(series).encode(),
-        COMPILE_FLAGS: "".join(f"{flag}\n" for flag in STANDARD).encode(),
-    }
+    flags = "".join(f"{flag}\n" for flag in STANDARD)
+    others = {RECORDED: rows_text(series).encode(), COMPILE_FLAGS: flags.encode()}
     folder.mkdir(parents=True, exist_ok=True)
     libraries = {"float32": c_library(program), "int8": int8_library(program, windows)}
     for kind, library in libraries.items():

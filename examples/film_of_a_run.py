@@ -51,37 +51,24 @@ GLOW: Final = LinearSegmentedColormap.from_list(
 """Colour map of the vorticity, from blue through the background colour to red: fluid without vorticity is dark."""
 
 VIEW: Final[View] = (4.6, 19.6, -2.15, 2.15)
-_LEVEL: Final = 5.0
-"""|vorticity| at the ends of the colour map, in U_inf / W."""
+_LEVEL: Final = 5.0  # |vorticity| at the ends of the colour map, in U_inf / W
 _ROOT: Final = 0.75
 """Exponent of |vorticity| / `_LEVEL` before colouring. An exponent below 1 makes weak vortices visible downstream."""
-_ARROW: Final = 1.8
-"""Length in W of the arrow of a jet at the action's bound."""
+_ARROW: Final = 1.8  # length in W of the arrow of a jet at the action's bound
 _DPI: Final = 100.0
-_HEIGHT: Final = 0.5
-"""Height of the picture divided by its width."""
-BEFORE: Final = 11.0
-"""Time in t_c that a film shows before control begins: about two shedding cycles."""
-AFTER: Final = 50.0
-"""Longest time in t_c that a film shows under control."""
-HOLD: Final = 2.5
-"""Additional time in s for which a film shows the last frame."""
+_HEIGHT: Final = 0.5  # height of the picture divided by its width
+BEFORE: Final = 11.0  # time in t_c that a film shows before control begins: about two shedding cycles
+AFTER: Final = 50.0  # longest time in t_c that a film shows under control
+HOLD: Final = 2.5  # additional time in s for which a film shows the last frame
 _MINUS: Final = "\N{MINUS SIGN}"
-_CYCLE: Final = 5.0
-"""Shedding period of the uncontrolled wake, in t_c."""
-_FLASH: Final = 2.5
-"""Time in t_c during which the flow's coloured border fades out after control begins."""
+_CYCLE: Final = 5.0  # shedding period of the uncontrolled wake, in t_c
+_FLASH: Final = 2.5  # time in t_c during which the flow's coloured border fades out after control begins
 
 
 @dataclass(frozen=True, kw_only=True)
 class Story:
-    """The times that a film shows, and the drag without control.
-
-    Attributes:
-        begin, end: first and last time that the film shows, in t_c.
-        control: time at which control begins, in t_c.
-        drag_before: mean wall Cd without control. The film shows the change of the drag relative to this mean.
-    """
+    """The first and the last time that a film shows and the time at which control begins, in t_c, and the mean wall Cd
+    without control, to which the film relates the drag."""
 
     begin: float
     end: float
@@ -90,17 +77,9 @@ class Story:
 
 
 class Film:
-    """A dark figure that shows the present state of a plant, and drag and action up to the present.
-
-    Args:
-        wake: the plant. Call `record` in every control period, even if no frame is drawn.
-        story: the times that the film shows, and the drag without control.
-        sensor_names: the controller's sensors, drawn as bright dots; all other sensors are drawn as small dots.
-        width: width of the picture in pixels; width and height must be even.
-
-    Attributes:
-        figure: the figure in which the film is drawn.
-    """
+    """A dark figure that shows the present state of a plant, and drag and action up to the present. Call `record` in
+    every control period, even if no frame is drawn. The controller's sensors are bright dots, all other sensors small
+    dots. `width` is in pixels; width and height must be even."""
 
     def __init__(self, wake: Drawable, story: Story, sensor_names: Sequence[str], width: int = 960) -> None:
         self._wake, self._story = wake, story
@@ -165,22 +144,13 @@ class Film:
         scales = [GLOW(np.linspace(0.0, 1.0, 176))[:, :3]]
         for colour, count in ((PALE, 20), (CALM, 20), (BLOWING, 10), (SUCKING, 10), (DIM, 10), (FAINT, 5)):
             share = np.linspace(0.0, 1.0, count + 1)[1:, None]
-            scales.append(
-                (1.0 - share) * np.array(mpl.colors.to_rgb(NIGHT)) + share * np.array(mpl.colors.to_rgb(colour))
-            )
+            dark, full = (np.array(mpl.colors.to_rgb(one)) for one in (NIGHT, colour))
+            scales.append((1.0 - share) * dark + share * full)
         return np.vstack(scales)
 
     def _draw_truck(self, axes: Axes, wake: Drawable, names: Sequence[str]) -> None:
-        axes.add_patch(
-            Polygon(
-                outline(wake.body),
-                closed=True,
-                facecolor="#161c28",
-                edgecolor="#5b6679",
-                linewidth=1.4 * self._pt,
-                zorder=3,
-            )
-        )
+        colours = {"facecolor": "#161c28", "edgecolor": "#5b6679"}
+        axes.add_patch(Polygon(outline(wake.body), closed=True, **colours, linewidth=1.4 * self._pt, zorder=3))
         places = wake.layout.positions
         axes.plot(*places.T, ".", color="#5b6679", markersize=3.0 * self._pt, zorder=4)
         lit = places[wake.layout.indices(names)]
@@ -201,9 +171,8 @@ class Film:
         counted = f"{sensors} wall-pressure sensor{'s' * (sensors != 1)}"
 
         def text(x: float, y: float, words: str, size: float, colour: str, **more: Any) -> Any:
-            return axes.text(
-                x, y, words, transform=axes.transAxes, color=colour, fontsize=size * self._pt, zorder=9, **more
-            )
+            more |= {"transform": axes.transAxes, "color": colour, "fontsize": size * self._pt, "zorder": 9}
+            return axes.text(x, y, words, **more)
 
         return {
             "state": text(0.022, 0.93, "", 21.0, PALE, weight="bold", va="top"),
@@ -256,21 +225,15 @@ class Film:
         traces["head"].set_color(CALM if under else PALE)
         # The mean covers a whole shedding cycle, because the drag oscillates twice in each cycle.
         lately = drags[(times > now - _CYCLE) & (times >= story.control)]
-        if len(lately) and now - story.control >= _CYCLE:
-            change = 100.0 * (lately.mean() / story.drag_before - 1.0)
-            traces["number"].set_text(f"{change:+.0f} %".replace("-", _MINUS))
-            traces["unit"].set_text("drag, over the last cycle")
-        else:
-            traces["number"].set_text("")
-            traces["unit"].set_text("")
+        is_known = len(lately) > 0 and now - story.control >= _CYCLE
+        change = 100.0 * (lately.mean() / story.drag_before - 1.0) if is_known else 0.0
+        traces["number"].set_text(f"{change:+.0f} %".replace("-", _MINUS) if is_known else "")
+        traces["unit"].set_text("drag, over the last cycle" if is_known else "")
 
 
 def story_of(log: RunLog, begin: float | None = None, end: float | None = None) -> Story:
     """Return the story from `BEFORE` to `AFTER` around the beginning of control, or from `begin` to `end`, in t_c.
-
-    Raises:
-        ConfigError: if the run has no time before control, or the film would not show the beginning of control.
-    """
+    Raises ConfigError if the run has no time before control, or the film would not show the beginning of control."""
     t, first = log.series["t"], log.enabled_at
     if not 0 < first < len(t):
         raise ConfigError("film: the run must begin without control and continue with control")
@@ -290,10 +253,7 @@ def story_of(log: RunLog, begin: float | None = None, end: float | None = None) 
 
 def write_film(path: Path, log: RunLog, story: Story, width: int = 960) -> int:
     """Repeat the simulation of a run from the shipped start, write a film of it, and return the number of frames.
-
-    Raises:
-        ConfigError: if the extension of the film's file name is unknown.
-    """
+    Raises ConfigError if the extension of the film's file name is unknown."""
     config = load_config()
     wake = TruckWake(config.flow)
     wake.reset(developed_state())

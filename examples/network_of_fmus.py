@@ -66,19 +66,14 @@ def frames(data: bytes, now_ns: int) -> list[Frame]:
     for code, content in operations(data):
         if code in (CAN_TRANSMIT, FD_TRANSMIT):
             frame_id, extended = struct.unpack_from("<IB", content)
-            payload, fd = content[8 + (code == FD_TRANSMIT) :], code == FD_TRANSMIT
-            found.append(
-                Frame(frame_id=frame_id, data=payload, timestamp_ns=now_ns, is_fd=fd, is_extended=bool(extended))
-            )
+            body, fd = content[8 + (code == FD_TRANSMIT) :], code == FD_TRANSMIT
+            found.append(Frame(frame_id=frame_id, data=body, timestamp_ns=now_ns, is_fd=fd, is_extended=bool(extended)))
     return found
 
 
 class TerminalNode:
-    """An initialised FMU with a bus terminal. Each step ends at an event: frames arrive, or Tx_Clock ticks.
-
-    Attributes:
-        due_ns: time in ns at which Tx_Clock ticks next.
-    """
+    """An initialised FMU with a bus terminal. Each step ends at an event: frames arrive, or Tx_Clock ticks, next at the
+    time `due_ns` in ns."""
 
     def __init__(self, path: Path, **parameters: float | bool) -> None:
         self.fmu, self.references = opened(path, events=True)

@@ -26,13 +26,9 @@ def random_program(
     prior_memory: int = 0,
 ) -> ControllerProgram:
     """Return a program with random weights, distributed as in PyTorch's initialisation. Gains and offsets of the layer
-    norms are also random, so that no norm is the identity.
-
-    Args:
-        model, mpc: settings of the networks and of the optimiser; None means the paper's values.
-        prior_memory: number of rows that the prior reads; 0 for no prior. The prior has five units, which read the
-            speed, the goal, and the sums of the sensor pairs.
-    """
+    norms are also random, so that no norm is the identity. `model` and `mpc` are the settings of the networks and of
+    the optimiser, None for the paper's values. `prior_memory` is the number of rows that the prior reads, 0 for no
+    prior. The prior has five units, which read the speed, the goal, and the sums of the sensor pairs."""
     rng = np.random.default_rng(seed)
     model = ModelConfig() if model is None else model
     inputs, h, latent = len(sensors) + 1, model.lstm_width, model.latent

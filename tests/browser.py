@@ -19,8 +19,7 @@ _ARGUMENTS: Final = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
     "--disable-background-networking", "--disable-component-update",
 )  # fmt: skip
-PHONE: Final = 390
-"""Width in pixels."""
+PHONE: Final = 390  # width in pixels
 
 
 @contextmanager
@@ -76,11 +75,9 @@ class Visit:
         ]
 
 
-def visit(
-    browser: "Browser", url: str, *, home: str, width: int = 1280, height: int = 900, dark: bool = False
-) -> Visit:
+def visit(browser: "Browser", at: str, *, home: str, width: int = 1280, height: int = 900, dark: bool = False) -> Visit:
     """Open a page in a window of its own, with nothing kept from before."""
     context = browser.new_context(viewport={"width": width, "height": height}, color_scheme="dark" if dark else "light")
     found = Visit(page=context.new_page(), home=home)
-    found.page.goto(url)
+    found.page.goto(at)
     return found

@@ -22,11 +22,7 @@ ALLOWANCE: Final = 2.0
 IMPORTS_S: Final = 2.0
 """And so much later: the first test of a process that calls a command pays for the packages which that imports."""
 MOST_TESTS: Final = 6000
-SHOWN: Final = 10
-"""Slowest tests in the summary."""
-
-_Cost = tuple[float, float, str]
-"""CPU seconds, the budget, the test."""
+_Cost = tuple[float, float, str]  # cPU seconds, the budget, the test
 
 
 def _limit_s(budget: float) -> float:
@@ -49,7 +45,6 @@ class Budget:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
-        """Charge the CPU time of the call to the test."""
         before = _cpu_s()
         try:
             return (yield)
@@ -59,12 +54,10 @@ class Budget:
             self._costs.append((_cpu_s() - before, budget, item.nodeid))
 
     def pytest_collection_finish(self, session: pytest.Session) -> None:
-        """Count the tests."""
         self._count = len(session.items)
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node: Any) -> None:
-        """Take what a worker measured."""
         output = getattr(node, "workeroutput", {})
         self._costs += [tuple(cost) for cost in output.get("costs", ())]
         self._count = max(self._count, output.get("count", 0))
@@ -77,14 +70,13 @@ class Budget:
             session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
     def pytest_terminal_summary(self, terminalreporter: Any) -> None:
-        """Print the slowest tests, and those over their budget by name."""
         if hasattr(self._config, "workeroutput"):
             return
         write = terminalreporter.write_line
         total = sum(cost for cost, _, _ in self._costs)
         terminalreporter.section("CPU seconds of calls")
         write(f"{total:.0f} s in {self._count} tests (at most {MOST_TESTS}); the slowest:")
-        for cost, _, name in sorted(self._costs, reverse=True)[:SHOWN]:
+        for cost, _, name in sorted(self._costs, reverse=True)[:10]:
             write(f"{cost:6.2f} s  {name}")
         for cost, budget, name in self._over():
             write(
@@ -100,12 +92,7 @@ class Budget:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """The option that shows the budget, or holds it."""
-    parser.addoption(
-        "--budget",
-        choices=("shown", "held"),
-        help="show what tests cost and which cost more than planned; held: fail for those",
-    )
+    parser.addoption("--budget", choices=("shown", "held"), help="show costs; held: fail for tests over their budget")
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -21,12 +21,8 @@ from filelock import FileLock
 from ecu.in_c import compiler as compilers
 
 MODULES = (
-    "ecu.in_c.compiler",
-    "ecu.in_c.host_library",
-    "ecu.in_c.c_ecu",
-    "docs.site.browser_ecu",
-    "firmware_sim.fmu.fmu_files",
-    "firmware_sim.mcu.build",
+    *("ecu.in_c.compiler", "ecu.in_c.host_library", "ecu.in_c.c_ecu", "docs.site.browser_ecu"),
+    *("firmware_sim.fmu.fmu_files", "firmware_sim.mcu.build"),
 )
 """Where `compile_c` is called by its name."""
 
@@ -71,18 +67,16 @@ class SharedBuilds:
             flags = ["-O1" if flag == "-O3" else flag for flag in flags if flag != "-march=native"]
         self.compile_c(contents, output, compiler=compiler, flags=flags)
 
-    def _linked(
-        self, contents: Mapping[str, bytes], output: Path, compiler: Sequence[str], flags: Sequence[str]
-    ) -> bool:
+    def _linked(self, files: Mapping[str, bytes], output: Path, compiler: Sequence[str], flags: Sequence[str]) -> bool:
         """Link kept objects and new ones; False where the compiler is to be asked for all at once, and for errors."""
-        sources = sorted(name for name in contents if name.endswith(".c"))
+        sources = sorted(name for name in files if name.endswith(".c"))
         if len(sources) < 2 or any(word in _WHOLE for word in (*compiler, *flags)):
             return False
         used = [flag for flag in flags if not flag.startswith(_LINKING)]
-        kept = {name: self._folder / f"{_key(needed(contents, name), compiler, used)}.o" for name in sources}
+        kept = {name: self._folder / f"{_key(needed(files, name), compiler, used)}.o" for name in sources}
         new = [name for name in sources if not kept[name].exists()]
         with tempfile.TemporaryDirectory() as folder:
-            for name, content in contents.items():
+            for name, content in files.items():
                 Path(folder, name).write_bytes(content)
             command = [*compiler, *compilers.STANDARD, "-Werror", *used, "-c", *new]
             if new and subprocess.run(command, cwd=folder, capture_output=True, check=False).returncode != 0:

@@ -6,7 +6,7 @@ import shutil
 import sys
 from base64 import b64decode
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from datetime import date
 from functools import cache, partial
@@ -241,14 +241,12 @@ class Coarse:
     flow: FlowConfig
     start: "State"
 
-    @contextmanager
-    def plant(self) -> Iterator["TruckWake"]:
-        """In that state."""
+    def plant(self) -> AbstractContextManager["TruckWake"]:
         from wake.truck.truck_wake import TruckWake
 
         wake = TruckWake(self.flow)
         wake.reset(self.start)
-        yield wake
+        return nullcontext(wake)
 
 
 @pytest.fixture(scope="session")

@@ -4,10 +4,8 @@ from typing import Any
 
 from hypothesis import settings
 
-_USUAL = 100
-"""Of the profile `drawn` in `tests/conftest.py`."""
-
 
 def examples(count: int, **others: Any) -> settings:
     """So many of them; in `make test` and `make check`, whose profiles take fewer by default, in proportion."""
-    return settings(max_examples=max(5, count * settings().max_examples // _USUAL), **others)
+    # The profile `drawn` in `tests/conftest.py` takes 100.
+    return settings(max_examples=max(5, count * settings().max_examples // 100), **others)

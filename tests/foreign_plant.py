@@ -17,11 +17,9 @@ Array = npt.NDArray[np.float64]
 NAMES = ("tap A", "p#2", "Ø3", "lid-left", "0", "x.y", "q'")
 POSITIONS = ((0.1, 0.5), (0.4, 0.55), (0.7, 0.5), (1.0, 0.31), (1.0, 0.0), (1.0, -0.12), (0.6, -0.5))
 BASE = ("lid-left", "0", "x.y")
-PERIOD = 0.3
-"""Control period, t_c."""
+PERIOD = 0.3  # control period, t_c
 LIMIT = 0.2
-FREQUENCY = 0.15
-"""Of the free oscillator, 1/t_c: 22 control steps to a cycle."""
+FREQUENCY = 0.15  # of the free oscillator, 1/t_c: 22 control steps to a cycle
 
 
 def series(steps: int, seed: int, *, forced: bool = True) -> dict[str, Array]:
@@ -58,7 +56,6 @@ def _series(steps: int, seed: int, forced: bool) -> dict[str, Array]:
 
 
 def write_sensors(path: Path) -> Path:
-    """sensors.csv."""
     rows = [f"{name},{x},{y},{int(name in BASE)}" for name, (x, y) in zip(NAMES, POSITIONS, strict=True)]
     path.write_text("\n".join(["name,x,y,base", *rows]) + "\n", encoding="utf-8")
     return path

@@ -24,14 +24,8 @@ def main() -> int:
     wall_s, times = time.monotonic() - began, os.times()
     cpu_minutes = (times.children_user + times.children_system) / 60
     sys.stderr.write(f"{wall_s / 60:.1f} min by the clock, {cpu_minutes:.1f} CPU minutes\n")
-    allowed = [
-        text
-        for over, text in (
-            (cpu_minutes > options.cpu_minutes, f"{options.cpu_minutes:g} CPU minutes"),
-            (wall_s > options.wall_s, f"{options.wall_s:g} s by the clock"),
-        )
-        if over
-    ]
+    allowed = [f"{options.cpu_minutes:g} CPU minutes"] if cpu_minutes > options.cpu_minutes else []
+    allowed += [f"{options.wall_s:g} s by the clock"] if wall_s > options.wall_s else []
     if status or not allowed:
         return status
     budget = f"{' and '.join(allowed)} are the budget on two quiet cores"

@@ -8,8 +8,7 @@ Array = npt.NDArray[np.float64]
 NAMES = ("p1", "p2", "p3", "p4")
 POSITIONS = ((0.4, 0.5), (0.4, -0.5), (1.0, 0.3), (1.0, -0.3))
 PERIOD, LIMIT = 0.3, 0.2
-FILES = {"sweep": (1, True), "calm": (2, False), "held_out": (3, True)}
-"""Seed, and whether it is forced."""
+FILES = {"sweep": (1, True), "calm": (2, False), "held_out": (3, True)}  # seed, and whether it is forced
 
 
 def series(seed: int, forced: bool, steps: int = 300) -> dict[str, Array]:

@@ -9,7 +9,8 @@ import pytest
 
 from contract.config.body import BodyConfig, layout_of
 from contract.config.loading import load_config
-from contract.recording.dataset import UNITS, Dataset, Episode, read, write
+from contract.recording.dataset import Dataset, read, write
+from tests.contract.recording.random_episodes import episode
 from wake.truck.truck_wake import TruckWake
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -39,11 +40,8 @@ def test_the_linear_feedback_is_stable_on_its_model_and_acts_in_the_environment(
 
 
 def test_a_recording_as_csv_is_what_another_solver_would_give(tmp_path, capsys):
-    rng, layout = np.random.default_rng(3), layout_of(BodyConfig())
-    series = {name: rng.normal(size=(6, len(layout)) if name == "Cp" else 6) for name in UNITS}
-    series["t"], series["action"] = 0.2 * np.arange(6.0), 0.01 * np.arange(6.0)
-    episode = Episode(name="one", role="train", series=series, initial_action=0.0, provenance={})
-    write(tmp_path / "truck.h5", Dataset(episodes=(episode,)))
+    layout, one = layout_of(BodyConfig()), episode("one", 6)
+    write(tmp_path / "truck.h5", Dataset(episodes=(one,)))
     as_csv = runpy.run_path(str(EXAMPLES / "square_cylinder" / "as_csv.py"))
     as_csv["main"](tmp_path / "truck.h5", tmp_path / "csv")
     sensors = list(csv.DictReader((tmp_path / "csv" / "sensors.csv").open(encoding="utf-8")))
@@ -56,7 +54,7 @@ def test_a_recording_as_csv_is_what_another_solver_would_give(tmp_path, capsys):
         assert [float(row[name]) for row in rows] == stored[name].tolist()
     assert [float(row["base_3"]) for row in rows] == stored["Cp"][:, layout.names.index("base_3")].tolist()
     few = replace(layout, names=layout.names[:4], positions=layout.positions[:4], base=layout.base[:0], mirror=None)
-    own = replace(episode, series=series | {"Cp": series["Cp"][:, :4]})
+    own = replace(one, series={**one.series, "Cp": one.series["Cp"][:, :4]})
     write(tmp_path / "own.h5", Dataset(episodes=(own,), layout=few))
     as_csv["main"](tmp_path / "own.h5", tmp_path / "own")
     assert (tmp_path / "own" / "sensors.csv").read_text().count("\n") == 5

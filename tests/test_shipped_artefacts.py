@@ -33,12 +33,8 @@ def test_the_recording_holds_what_the_documents_say() -> None:
         if episode.provenance["forcing_signal"] == "controlled":
             assert episode.role == "train"
             rounds[int(str(episode.provenance["round"]))] += len(episode)
-    assert steps - Counter(controlled=steps["controlled"]) == {
-        "training": 50000,
-        "none": 2500,
-        "chirp": 10000,
-        "extended_chirp": 10000,
-    }
+    forced = {"training": 50000, "none": 2500, "chirp": 10000, "extended_chirp": 10000}
+    assert steps - Counter(controlled=steps["controlled"]) == forced
     assert rounds == {1: 4400, 2: 4400}
 
 

@@ -78,18 +78,16 @@ def made_from(digest: str, *folders: str) -> str:
     return everything.hexdigest()[:12]
 
 
-def kept_runs(
-    run: Callable[..., Any], arguments: Mapping[Path, tuple[Any, ...]], *, workers: int, label: str
-) -> list[Any]:
-    """Return the results of all runs, in order. `arguments` maps the results file of each run to the arguments of
-    `run`. Missing results are computed in `workers` processes."""
-    missing = [path for path in arguments if not path.is_file()]
+def kept_runs(run: Callable[..., Any], runs: Mapping[Path, tuple[Any, ...]], *, workers: int, label: str) -> list[Any]:
+    """Return the results of all runs, in order. `runs` maps the results file of each run to the arguments of `run`.
+    Missing results are computed in `workers` processes."""
+    missing = [path for path in runs if not path.is_file()]
     # A process takes seconds to start, so no process is started if all results are stored.
     if missing:
         with process_pool(min(workers, len(missing))) as pool:
-            given = (arguments[path] for path in missing)
+            given = (runs[path] for path in missing)
             list(track(pool.map(partial(_keep, run), missing, given), label, "runs", len(missing)))
-    return [json.loads(path.read_text(encoding="utf-8")) for path in arguments]
+    return [json.loads(path.read_text(encoding="utf-8")) for path in runs]
 
 
 def _keep(run: Callable[..., Any], path: Path, arguments: tuple[Any, ...]) -> None:

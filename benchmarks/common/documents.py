@@ -22,10 +22,10 @@ STAMP: Final = "made"
 to find outdated files."""
 
 
-def draw(figures: Mapping[str, Figure], source: Path, folder: Path = PICTURES) -> None:
+def draw(figures: Mapping[str, Figure], source: Path) -> None:
     """Write figures that were drawn from one results file; `figures` maps file names to figures."""
     for name, figure in figures.items():
-        with replacing(folder / f"{name}.png") as temporary:
+        with replacing(PICTURES / f"{name}.png") as temporary:
             figure.savefig(temporary, format="png", metadata={SOURCE: source_text(source)})
 
 

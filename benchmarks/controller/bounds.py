@@ -21,15 +21,7 @@ from elftools.elf.elffile import ELFFile
 
 from benchmarks.common.command_line import JsonFile, report
 from benchmarks.controller import tables
-from benchmarks.controller.whole_program import (
-    Built,
-    Calls,
-    Loop,
-    WholeProgram,
-    compiler_version,
-    read_built,
-    read_program,
-)
+from benchmarks.controller.whole_program import Built, Calls, Loop, WholeProgram, gcc_version, read_built, read_program
 from benchmarks.controller.worst_period import KEY_BYTES, worst_periods
 from contract.config.loading import load_config
 from contract.controller.c_folder import ECU_SETTINGS, read_recorded, read_sources
@@ -51,7 +43,6 @@ EXCEPTION_FRAME: Final = 108
 _EXCEPTIONS: Final = ("sw_board_unexpected", "sw_board_tick")
 """Names of the handlers in the vector table. Interrupts are masked, but a fault or an NMI can still occur."""
 _START: Final = "sw_board_start"
-_WORD: Final = 4
 
 
 def main(json_file: JsonFile = None) -> None:
@@ -69,16 +60,10 @@ def main(json_file: JsonFile = None) -> None:
     alone = read_built(board_files(sources))
     drives = ("full bus", "a sensor left out")
     measured = worst_periods(sources, config, rows, firmware=read_elf(alone.image), drives=drives)
-    figures = found | {
-        "alone": {
-            "stack_b": stack_of(alone)[0],
-            "measured_stack_b": measured["stack_b"],
-            "worst_ms": measured["worst_ms"],
-            "bound_ms": measured["bound_ms"],
-        }
-    }
-    facts = {"compiler": compiler_version(), "versions": versions("unicorn", "capstone")}
-    report(json_file, figures, facts, tables.bounds)
+    stacks = {"stack_b": stack_of(alone)[0], "measured_stack_b": measured["stack_b"]}
+    found["alone"] = {**stacks, "worst_ms": measured["worst_ms"], "bound_ms": measured["bound_ms"]}
+    facts = {"compiler": gcc_version(), "versions": versions("unicorn", "capstone")}
+    report(json_file, found, facts, tables.bounds)
 
 
 def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -129,8 +114,7 @@ def recursion(calls: Calls) -> list[str]:
 
 def deepest(calls: Calls, start: str, runtime: int) -> tuple[int, list[str]]:
     """Return the largest stack in bytes that a function needs with all its callees, and the chain of calls that needs
-    this stack. There must be no recursion. A function of the compiler's runtime needs `runtime` bytes.
-    """
+    this stack. There must be no recursion. A function of the compiler's runtime needs `runtime` bytes."""
     known = dict[str, tuple[int, list[str]]]()
     for name in TopologicalSorter(calls.calls).static_order():
         under = max((known[called] for called in calls.calls.get(name, ())), default=(0, []))
@@ -172,9 +156,8 @@ def _stack_of_runtime(built: Built) -> int:
     called = {name for names in built.calls.calls.values() for name in names} - built.calls.stack.keys()
     elf: Any = ELFFile(io.BytesIO(built.image))
     text, table = elf.get_section_by_name(".text"), next(iter(elf.iter_sections("SHT_SYMTAB")))
-    addresses = {
-        item.name: item["st_value"] & ~1 for item in table.iter_symbols() if item["st_info"]["type"] == "STT_FUNC"
-    }
+    functions = (item for item in table.iter_symbols() if item["st_info"]["type"] == "STT_FUNC")
+    addresses = {item.name: item["st_value"] & ~1 for item in functions}
     starts = sorted(set(addresses.values()))
     machine = capstone.Cs(capstone.CS_ARCH_ARM, capstone.CS_MODE_THUMB + capstone.CS_MODE_MCLASS)
     machine.skipdata = True
@@ -191,10 +174,9 @@ def _stack_of_runtime(built: Built) -> int:
 
 def _pushed(line: Any) -> int:
     """Return the bytes by which an instruction (`push`, `str ..., [sp, #-n]!`, or `sub sp, #n`) extends the stack."""
-    if line.mnemonic.startswith("push"):
-        return _WORD * (str(line.op_str).count(",") + 1)
-    if ("[sp, #-" in line.op_str and line.op_str.endswith("!")) or (
-        line.mnemonic.startswith("sub") and line.op_str.startswith("sp,")
-    ):
-        return int(line.op_str.rpartition("#")[2].strip("-]!"), 0)
+    name, text = str(line.mnemonic), str(line.op_str)
+    if name.startswith("push"):
+        return 4 * (text.count(",") + 1)
+    if ("[sp, #-" in text and text.endswith("!")) or (name.startswith("sub") and text.startswith("sp,")):
+        return int(text.rpartition("#")[2].strip("-]!"), 0)
     return 0

@@ -129,8 +129,7 @@ class EagerController:
         speed: float = 1.0,
         limit: float | None = None,
     ) -> tuple[Array, Array, Array, float]:
-        """Return (new_plan, forces, terms, cost) as float64 arrays. `contract.controller.interface`
-        explains the arguments."""
+        """Return (new_plan, forces, terms, cost) as float64 arrays; arguments as in `contract.controller.interface`."""
         limit = min(self._program.action_limit, np.inf if limit is None else limit)
         w = self._tensor(self._program.mpc.weights.as_tuple() if weights is None else weights)
         previous_action = self._tensor(window[-1, -1])

@@ -1,6 +1,6 @@
 """Latency of one control step: the paper's method in eager PyTorch, the ONNX graphs and the C library, in one run.
 
-    python -m benchmarks controller [--json FILE] [--repeats N]
+    python -m benchmarks controller [--json FILE]
 
 Each implementation runs on one thread. The implementations run in turn, so that a disturbance of the machine affects
 all of them. The figures are medians and minima of wall time, and medians of the thread's processor time, which excludes
@@ -11,11 +11,10 @@ sizes.
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import torch
-import typer
 
 from benchmarks.common.command_line import JsonFile, report, track
 from benchmarks.controller import tables
@@ -29,36 +28,26 @@ from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
 from export.gates import control_cases
 from export.int8 import Program, rounded_to_nearest
-from export.program.controller_program import random_window
+from export.program.controller_program import random_windows
 from export.to_c.library import c_library, int8_library
 from export.to_onnx.control_step import build_controller
 
-# One step in eager PyTorch takes about as long as ten steps of another implementation, so fewer of its steps are timed.
-_EAGER_EVERY = 5
-_CALIBRATION = 20
-_LOADS = 15
+_REPEATS: Final = 300
 _WIDTHS: Final[dict[str, Any]] = {"dynamics_width": 64, "decoder_width": 32}
 _PLAN: Final[dict[str, Any]] = {"horizon": 25, "iterations": 2}
 
 
-def main(
-    json_file: JsonFile = None,
-    repeats: Annotated[int, typer.Option(min=1, help="Control steps of each implementation.")] = 300,
-) -> None:
+def main(json_file: JsonFile = None) -> None:
     """Time the control step and print a table."""
     torch.set_num_threads(1)
     program = random_program(0, model=ModelConfig(**_WIDTHS), mpc=MpcConfig(**_PLAN))
     (case,) = control_cases(program, count=1)
     lowered: dict[str, Program] = {"float32": program, "int8": rounded_to_nearest(program)}
     graphs = {name: build_controller(of).SerializeToString() for name, of in lowered.items()}
-    loads = [_both_times(lambda: OnnxController(graphs["float32"], program.sizes)) for _ in range(_LOADS)]
+    loads = [_both_times(lambda: OnnxController(graphs["float32"], program.sizes)) for _ in range(15)]
     compiler = host_compiler()
-    rng = np.random.default_rng(0)
-    windows = [random_window(program, rng) for _ in range(_CALIBRATION)]
-    c, c_int8 = (
-        CController(library, program.sizes, compiler=compiler)
-        for library in (c_library(program), int8_library(program, windows))
-    )
+    libraries = c_library(program), int8_library(program, random_windows(program, 20))
+    c, c_int8 = (CController(library, program.sizes, compiler=compiler) for library in libraries)
     controllers: dict[str, Any] = {
         "eager_ms": EagerController(program, torch.float32),
         "onnx_ms": OnnxController(graphs["float32"], program.sizes),
@@ -70,9 +59,10 @@ def main(
     for step in steps.values():
         step()  # warms up caches and allocators
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in steps}
-    for i in track(range(repeats), "control steps", "steps"):
+    for i in track(range(_REPEATS), "control steps", "steps"):
         for name, step in steps.items():
-            if name != "eager_ms" or i % _EAGER_EVERY == 0:
+            # A step in eager PyTorch takes about as long as ten steps of another implementation, so fewer are timed.
+            if name != "eager_ms" or i % 5 == 0:
                 times[name].append(_both_times(step))
     times["onnx_load_ms"] = loads
 
@@ -82,13 +72,7 @@ def main(
     figures["processor"] = {name: float(processor) for name, (_, processor) in medians.items()}
     figures["onnx_bytes"], figures["onnx_int8_bytes"] = len(graphs["float32"]), len(graphs["int8"])
     figures["c_workspace_bytes"], figures["c_int8_workspace_bytes"] = c.workspace_bytes, c_int8.workspace_bytes
-    settings = {
-        **_WIDTHS,
-        **_PLAN,
-        "repeats": repeats,
-        "threads": 1,
-        "c_flags": " ".join(OPTIMISED),
-    }
+    settings = {**_WIDTHS, **_PLAN, "repeats": _REPEATS, "threads": 1, "c_flags": " ".join(OPTIMISED)}
     used = versions("torch", "onnxruntime", "numpy") | {"c_compiler": compiler_version(compiler)}
     report(json_file, figures, {"settings": settings, "versions": used}, tables.latency)
 

@@ -1,7 +1,7 @@
 """Memory, instructions and modelled time on an emulated Cortex-M7: the C library with networks of several sizes, and
 the release's ECU.
 
-    python -m benchmarks mcu [--json FILE] [--windows N]
+    python -m benchmarks mcu [--json FILE]
 
 The row `release` is the whole ECU of the shipped bundle in the drives of `worst_period`, without and with a key of the
 bus. Its control step is also run for many windows, half of them recorded and half random, to test whether its work
@@ -12,10 +12,9 @@ Cortex-M4F's instructions, but their cycles are modelled with the Cortex-M4F's p
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import numpy as np
-import typer
 
 from benchmarks.common.command_line import JsonFile, report, track
 from benchmarks.controller import tables
@@ -33,40 +32,29 @@ from contract.results import versions
 from contract.shipped import BUNDLE, MODEL, RECORDING
 from ecu.in_c.c_settings import ecu_settings
 from examples.random_programs import random_program
-from export.program.controller_program import program_of, random_window, recorded_windows
+from export.program.controller_program import program_of, random_windows, recorded_windows
 from export.to_c.library import c_library, int8_library
 from firmware_sim.mcu.build import CORTEX_M4F, CORTEX_M7, Core, compile_for_cortex_m7, read_elf
 from firmware_sim.mcu.emulator import Machine
 from firmware_sim.mcu.measure import measure
 from stillwake.parts.c_release import library_folder
 
-# Each case states the dynamics' width, the decoder's width, the number of iterations, and the precision.
-CASES = (
-    (256, 128, 5, "float32"),
-    (256, 128, 5, "int8"),
-    (128, 64, 5, "int8"),
-    (128, 64, 3, "int8"),
-    (96, 64, 5, "int8"),
-    (96, 64, 3, "int8"),
-    (64, 32, 5, "int8"),
-    (64, 32, 3, "int8"),
-)
-SMALLER: Final = ((96, 64, 3, "int8"), (64, 32, 5, "int8"), (64, 32, 3, "int8"))
-"""Cases that are also measured for the Cortex-M4F."""
 Case = tuple[int, int, int, str]
-_ROWS = 4
+"""The dynamics' width, the decoder's width, the number of iterations, and the precision."""
+SMALLER: Final[tuple[Case, ...]] = ((96, 64, 3, "int8"), (64, 32, 5, "int8"), (64, 32, 3, "int8"))
+"""Cases that are also measured for the Cortex-M4F."""
+CASES: Final[tuple[Case, ...]] = (
+    *((256, 128, 5, "float32"), (256, 128, 5, "int8"), (128, 64, 5, "int8"), (128, 64, 3, "int8")),
+    *((96, 64, 5, "int8"), *SMALLER),
+)
 
 
-def main(
-    json_file: JsonFile = None,
-    windows: Annotated[int, typer.Option(min=2, help="Windows for which the release's steps are compared.")] = 200,
-) -> None:
+def main(json_file: JsonFile = None) -> None:
     """Measure the networks of every size and the release, and print a table."""
     rows = [_measured(case, CORTEX_M7) for case in track(CASES, "sizes on a Cortex-M7", "sizes")]
     smaller = [_measured(case, CORTEX_M4F) for case in track(SMALLER, "sizes on a Cortex-M4F", "sizes")]
-    release = _release(windows)
     facts = {"horizon": MpcConfig().horizon, "versions": versions("ziglang", "unicorn", "capstone")}
-    figures = {"release": release, "sizes": rows, "cortex_m4f": smaller}
+    figures = {"release": _release(), "sizes": rows, "cortex_m4f": smaller}
     report(json_file, figures, facts, tables.mcu, tables.mcu_release)
 
 
@@ -74,20 +62,18 @@ def _measured(case: Case, core: Core) -> dict[str, Any]:
     dynamics, decoder, iterations, precision = case
     model = ModelConfig(dynamics_width=dynamics, decoder_width=decoder)
     program = random_program(0, model=model, mpc=MpcConfig(iterations=iterations))
-    rng = np.random.default_rng(0)
-    windows = [random_window(program, rng) for _ in range(20)]
+    windows = random_windows(program, 20)
     sources = c_library(program) if precision == "float32" else int8_library(program, windows)
-    series = np.concatenate(windows[:2])[: program.window + _ROWS - 1].astype(np.float32)
+    series = np.concatenate(windows[:2])[: program.window + 3].astype(np.float32)  # four steps
     sizes = {"dynamics_width": dynamics, "decoder_width": decoder, "iterations": iterations}
     return {**sizes, **asdict(measure(sources, series, core=core))}
 
 
-def _release(windows: int) -> dict[str, Any]:
-    """Measure the shipped bundle's ECU in the constructed drives, without and with a key of the bus."""
+def _release() -> dict[str, Any]:
     config, bundle = load_config(), load_bundle(BUNDLE)
     with library_folder(None) as folder:
         sources, rows = read_sources(folder, board=True), read_recorded(folder)
-    spread = instruction_spread(sources, track(_windows(windows), "windows of the release", "windows"))
+    spread = instruction_spread(sources, track(_windows(200), "windows of the release", "windows"))
     keyed = replace(config, bus=replace(config.bus, key="bus.key"))
     secured = {**sources, ECU_SETTINGS: ecu_settings(bundle, keyed)}
     return {
@@ -129,6 +115,5 @@ def _windows(count: int) -> list[Array]:
     share = -(-count // (2 * len(episodes.episodes)))
     for item in episodes.episodes:
         found += recorded_windows(program, item, len(item) - program.window, episodes.layout)[:: len(item) // share]
-    rng = np.random.default_rng(0)
     recorded = found[: count // 2]
-    return recorded + [random_window(program, rng) for _ in range(count - len(recorded))]
+    return recorded + random_windows(program, count - len(recorded))

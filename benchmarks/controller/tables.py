@@ -68,7 +68,7 @@ def _sizes(sizes: list[dict[str, Any]], clocks: tuple[str, ...]) -> str:
 
 def mcu_release(found: Any) -> str:
     """Return the table of the shipped release's whole ECU on the emulated Cortex-M7."""
-    row = found["figures"]["release"]
+    row, facts = found["figures"]["release"], found["facts"]
     step, mean, worst = row["control_step"], row["mean_ms"], row["worst_ms"]
     ram, spread = f"{row['ram_bytes'] / 1024:.1f} KiB", f"{row['instruction_spread']:,}"
     alike = f"{step['windows'] - step['unlike']:,} windows take the same number"
@@ -87,9 +87,7 @@ def mcu_release(found: Any) -> str:
             f"{step['fewest']:,} to {step['most']:,} instructions; {alike}",
         ),
     ]
-    return table(
-        (f"{row['bundle']}, whole firmware of a board, horizon of {found['facts']['horizon']} steps", ""), rows
-    )
+    return table((f"{row['bundle']}, whole firmware of a board, horizon of {facts['horizon']} steps", ""), rows)
 
 
 def mcu_worst(found: Any) -> str:

@@ -1,6 +1,6 @@
 """The computing time of a time step of the plant, the shares of its parts, and its ratio to the machine's limits.
 
-    python -m benchmarks wake-speed [--json FILE] [--refinement 0.7 ...]
+    python -m benchmarks wake-speed [--json FILE]
 
 The measurement runs on one core. Every figure is the median over rounds that measure all cases in turn, because times
 on a machine fluctuate. Memory bandwidth and arithmetic speed are measured in the same rounds, on arrays of the plant's
@@ -12,16 +12,14 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from statistics import median
 from time import process_time
-from typing import Annotated, Any, Final
+from typing import Any, Final
 from unittest.mock import patch
 
 import numpy as np
-import typer
 from numba import njit
-from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-from benchmarks.common.command_line import JsonFile, console, report, track
+from benchmarks.common.command_line import JsonFile, report, track
 from benchmarks.controller import tables
 from contract.arrays import Array
 from contract.config.plant import FlowConfig
@@ -30,6 +28,9 @@ from wake.solver import kernels, poisson
 from wake.truck.develop import develop
 from wake.truck.truck_wake import TruckWake
 
+REFINEMENTS: Final = (0.7, 1.0, 1.4)
+"""Divisors of every spacing of the mesh."""
+ROUNDS: Final = 9
 PRECISIONS: Final = {"double": np.float64, "single": np.float32}
 _PARTS: Final = {
     "stages": "convection, diffusion, walls",
@@ -42,39 +43,29 @@ _PARTS: Final = {
 }
 # The numbers of values read and written per cell if every array is accessed once per pass. A stage reads u, v, p and
 # both rates, and writes all of them except p. The correction reads u, v, p and phi, and writes u, v and p.
-_STAGE_NUMBERS: Final = 9
-_CORRECTION_NUMBERS: Final = 7
-_SETTLE: Final = 3.0
+_STAGE_NUMBERS, _CORRECTION_NUMBERS = 9, 7
 
 
-def main(
-    json_file: JsonFile = None,
-    refinement: Annotated[list[float], typer.Option(help="Divisor of every spacing.")] = [0.7, 1.0, 1.4],  # noqa: B006
-    rounds: Annotated[int, typer.Option(help="Number of measurements of every case.")] = 9,
-) -> None:
-    """Measure the cases and print two tables."""
-    cases = [(value, name) for value in refinement for name in PRECISIONS]
+def main(json_file: JsonFile = None) -> None:
+    """Measure the cases and print a table."""
+    cases = [(value, name) for value in REFINEMENTS for name in PRECISIONS]
     plants = [_plant(*case) for case in cases]
     spent: list[defaultdict[str, list[float]]] = [defaultdict(list) for _ in plants]
     with threadpool_limits(1):
-        for _ in track(range(rounds), "rounds", "rounds"):
+        for _ in track(range(ROUNDS), "rounds", "rounds"):
             for wake, times in zip(plants, spent, strict=True):
                 _visit(wake, times)
     rows = [
         {"precision": name, **_row(wake, value, times)}
         for wake, (value, name), times in zip(plants, cases, spent, strict=True)
     ]
-    shares = Table("cells", *rows[0]["shares"])
-    for row in rows:
-        shares.add_row(str(row["cells"]), *(f"{100 * share:.0f} %" for share in row["shares"].values()))
-    console.print(shares)
-    report(json_file, rows, {"rounds": rounds, "versions": versions("stillwake", "numpy", "numba")}, tables.steps)
+    report(json_file, rows, {"rounds": ROUNDS, "versions": versions("stillwake", "numpy", "numba")}, tables.steps)
 
 
 def _plant(refinement: float, precision: str) -> TruckWake:
     substeps = round(FlowConfig().substeps * max(1.0, refinement))
     wake = TruckWake(FlowConfig(substeps=substeps, refinement=refinement), precision=PRECISIONS[precision])
-    develop(wake, _SETTLE)
+    develop(wake, 3.0)
     return wake
 
 
@@ -126,7 +117,6 @@ def _row(wake: TruckWake, refinement: float, times: dict[str, list[float]]) -> d
 
 @contextmanager
 def _clocked_parts() -> Iterator[dict[str, float]]:
-    """Measure the time of every compiled part of a time step while the block runs."""
     spent: dict[str, float] = dict.fromkeys(_PARTS, 0.0)
 
     def clocked(name: str, original: Callable[..., object]) -> Callable[..., object]:

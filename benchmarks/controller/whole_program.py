@@ -217,7 +217,7 @@ def _type(result: str, parameters: Iterable[str]) -> str:
     return " ".join(plain)
 
 
-def compiler_version() -> str:
+def gcc_version() -> str:
     """Return the compiler's name and version; raises McuError if there is no compiler."""
     return _run(Path.cwd(), "--version").splitlines()[0]
 

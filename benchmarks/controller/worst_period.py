@@ -42,12 +42,9 @@ _ROOM: Final = 120
 
 
 class Vehicle:
-    """The frames that a vehicle sends: recorded pressures, which repeat, and a speed.
-
-    Args:
-        rows: n recorded rows with the pressures Cp at the S sensors and the action, shape (n, S+1).
-        asks: whether the vehicle requests control, from its second period on.
-    """
+    """The frames that a vehicle sends: recorded pressures, which repeat, and a speed. `rows` are n recorded rows with
+    the pressures Cp at the S sensors and the action, shape (n, S+1). If `asks`, the vehicle requests control from its
+    second period on."""
 
     def __init__(self, config: Config, rows: ProgramRows, *, asks: bool = True) -> None:
         self.config, self._rows, self._asks, self.number = config, rows, asks, 0

@@ -1,13 +1,13 @@
 """The closed loop with each ECU: in Python, in C on this machine, and in C on an emulated Cortex-M7.
 
-    python -m benchmarks ecu-loop [--bundle BUNDLE --library FOLDER] [--json FILE]
+    python -m benchmarks ecu-loop [--json FILE]
 
 Each ECU controls the live wake from the same initial state over the same bus. In the loop with the emulated core, a
 second ECU on this machine receives the same frames at the same times. This second ECU has the same sources and the same
 compiler, and fuses the same floating-point operations. After every step, all frames and the whole states of
 both ECUs are compared bit for bit. The virtual compute time is the core's modelled time in this loop, and
-`ecu.compute_time_ms` in the loops with the two other ECUs. Finished loops are stored in `runs/ecu_loop`, in a folder
-named after the hash of their inputs, so that an interrupted measurement can be continued.
+`ecu.compute_time_ms` in the loops with the two other ECUs. Finished loops are stored in a folder named after the hash
+of their inputs, so that an interrupted measurement can be continued.
 """
 
 import hashlib
@@ -29,7 +29,7 @@ from can_bridge.wire.frame import Frame
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.controller.calibration import Calibration
-from contract.errors import McuError, StillwakeError, install
+from contract.errors import McuError, install
 from contract.release.checks import Bundle
 from contract.results import versions
 from ecu.ecu_state import EcuState, Surroundings
@@ -50,8 +50,6 @@ ECUS: Final = (MCU, C, "python")
 COMPARED: Final = (*COMMON, "-march=native")
 """Compiler flags of the ECU that is compared with the emulated core. The compiler fuses the same floating-point
 operations as for the core, so this machine must have fused multiply-add."""
-MOST_DIFFERENCES: Final = 10
-"""Largest number of differences between two ECUs that are reported in full."""
 _KEPT: Final = (
     *("Cd_uncontrolled", "Cd_controlled", "reduction_percent", "abs_Cl_uncontrolled", "abs_Cl_controlled"),
     *("mean_Cl_controlled", "rms_action", "periods_requested", "periods_in_control", "fault", "computed_by", "ecu"),
@@ -59,31 +57,26 @@ _KEPT: Final = (
 
 
 def main(
-    bundle: Annotated[Path | None, typer.Option(help="Release bundle; default: the shipped one.")] = None,
-    library: Annotated[Path | None, typer.Option(help="C library; default: made from the shipped model.")] = None,
     json_file: JsonFile = None,
     parts: Parts = Path("runs/ecu_loop"),
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.")] = 25.0,
     controlled: Annotated[float, typer.Option(help="Time with control, t_c.")] = 100.0,
     settle: Annotated[float, typer.Option(help="Time left out of the controlled averages, t_c.")] = 40.0,
-    clock_mhz: Annotated[float, typer.Option(help="Clock of the emulated core, MHz.")] = 480.0,
 ) -> None:
     """Run the three closed loops and print a table."""
-    if library is None and bundle is not None:
-        raise StillwakeError("--bundle: needs --library, the bundle's C library")
-    release = open_release(bundle)
+    release = open_release(None)
     config = replace(load_config(), mpc=release.manifest.mpc)
-    with library_folder(library) as folder:
+    with library_folder(None) as folder:
         sources = ecu_sources(folder, release, config)
     spans = Spans(lead_in=lead_in, controlled=controlled, settle=settle, averages=True)
     compiler = zig_compiler()
     if compiler is None:
         raise McuError(f"ziglang is missing: {install('mcu')}")
-    made_from = (release.digest, sorted(sources.items()), lead_in, controlled, settle, clock_mhz)
+    made_from = (release.digest, sorted(sources.items()), lead_in, controlled, settle)
     folder = parts / hashlib.sha256(repr(made_from).encode()).hexdigest()[:12]
 
     def driven_by(kind: str) -> dict[str, Any]:
-        ecu = None if kind == "python" else loop_ecu(kind, sources, clock_mhz=clock_mhz)
+        ecu = None if kind == "python" else loop_ecu(kind, sources)
         lockstep: Any = None
         if ecu is not None and kind == MCU:
             lockstep = Lockstep(ecu.ecu, CEcu(sources, compiler=compiler, flags=COMPARED))
@@ -170,10 +163,9 @@ class Lockstep:
         fields = self._driver.differing(self._other.state)
         self.differing_frames += differs
         self.differing_states += bool(fields)
-        if (differs or fields) and len(self.differences) < MOST_DIFFERENCES:
-            self.differences.append(
-                f"step {self.steps} at {now_ns} ns: {differs} frames, state: {', '.join(fields) or 'same'}"
-            )
+        if (differs or fields) and len(self.differences) < 10:
+            state = ", ".join(fields) or "same"
+            self.differences.append(f"step {self.steps} at {now_ns} ns: {differs} frames, state: {state}")
         return sent
 
 

@@ -16,16 +16,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import log
-from pathlib import Path
 from time import perf_counter
 from types import SimpleNamespace
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import typer
 
-from benchmarks.common.command_line import JsonFile, console, report, track
+from benchmarks.common.command_line import JsonFile, report, track
 from benchmarks.ecu.tables import alarms, faults
 from can_bridge.wire.message_specs import PRESSURE_RESOLUTION_PA
 from contract.arrays import Array
@@ -43,8 +41,8 @@ from stillwake.parts.releases import open_release
 
 LONGEST: Final = 250
 """Number of periods from a fault's start within which the fault must be found: ten shedding cycles."""
-FIRST: Final = 200
-"""Smallest step number at which a fault starts in an episode."""
+FIRST, EVERY = 200, 1500
+"""Smallest step number at which a fault starts in an episode, and number of steps between two such places."""
 DRIFT_PERIODS: Final = 100
 DISTURBED: Final = ("none", "noise 0.9", "lost 0.3")
 """Disturbances of the healthy sensors' readings, which are also rounded. The number after "noise" is in global
@@ -52,14 +50,8 @@ deviations; the number after "lost" is the share of lost frames."""
 
 
 class Passage(NamedTuple):
-    """An episode of n steps as the ECU reads it from S sensors.
-
-    Attributes:
-        role: role of the episode in the recording.
-        cp: readings, shape (n, S).
-        actions: actions in force, shape (n,).
-        heard: whether the frame of each step arrived, shape (n,).
-    """
+    """An episode of n steps as the ECU reads it from S sensors: its role in the recording, the readings, shape (n, S),
+    the actions in force, shape (n,), and whether the frame of each step arrived, shape (n,)."""
 
     role: str
     cp: Array
@@ -117,14 +109,10 @@ class Outcome(NamedTuple):
     periods: int
 
 
-def main(
-    bundle: Annotated[Path | None, typer.Option(help="Bundle; default: the shipped one.")] = None,
-    every: Annotated[int, typer.Option(help="Control steps between two places where faults begin.", min=1)] = 1500,
-    json_file: JsonFile = None,
-) -> None:
+def main(json_file: JsonFile = None) -> None:
     """Measure the false alarms of the sensor check, and the result of each fault."""
     config = Config()
-    release = open_release(bundle)
+    release = open_release(None)
     check = sensor_check_of(release, config)
     if check is None:
         raise StillwakeError(f"bundle {release.manifest.name}: has no sensor estimator")
@@ -133,23 +121,19 @@ def main(
     lab = Lab(check=check, network=read_estimator(release.files[ESTIMATOR]).network)
     lab.agrees(passages[0])
     for through in DISTURBED:
-        places = every if through == "none" else None
         for passage in track(passages, f"sound sensors, {through}", "episodes"):
-            found = list(_false_alarms(lab, _read_through(passage, through), places))
+            found = list(_false_alarms(lab, _read_through(passage, through)))
             heard.append((through, passage.role, len(passage.cp), sum(isinstance(one, str) for one in found)))
-            moments += [one for one in found if isinstance(one, Moment)]
-    figures: dict[str, Any] = {
+            if through == "none":
+                moments += [one for one in found if isinstance(one, Moment)]
+    figures = {
         "false_alarms": _rates(heard, config),
         "faults": _faults(lab, release, moments),
         "step_us": _times(check, moments[0], release.manifest.window),
     }
-    console.print(
-        "a step of the check: " + ", ".join(f"{name} {value:.0f} us" for name, value in figures["step_us"].items())
-    )
     facts = {
-        "bundle": release.manifest.name,
-        "digest": release.digest,
-        **{"every": every, "longest": LONGEST, "sensor_check": vars(config.ecu.sensor_check)},
+        **{"bundle": release.manifest.name, "digest": release.digest},
+        **{"every": EVERY, "longest": LONGEST, "sensor_check": vars(config.ecu.sensor_check)},
         "versions": versions("numpy", "onnxruntime"),
     }
     report(json_file, figures, facts, alarms, faults)
@@ -193,14 +177,14 @@ def _estimates(network: EstimatorNetwork, windows: Array) -> Array:
     return np.concatenate([network.estimates(part) for part in parts])
 
 
-def _false_alarms(lab: Lab, passage: Passage, every: int | None) -> Iterator[str | Moment]:
-    """Yield the kind of every false alarm, and a `Moment` for every place where a fault may start."""
+def _false_alarms(lab: Lab, passage: Passage) -> Iterator[str | Moment]:
+    """Yield a text for every false alarm, and a `Moment` for every place where a fault may start."""
     fresh = SensorCheckState.start(window=lab.network.window, sensors=lab.network.sensors)
     for step, before, after in lab.read(passage, fresh, restart=fresh):
-        if every and step >= FIRST and (step - FIRST) % every == 0 and step + LONGEST <= len(passage.cp):
+        if step in range(FIRST, len(passage.cp) - LONGEST + 1, EVERY):
             yield Moment(passage=passage, step=step, state=before)
         if _is_alarm(after):
-            yield "shut" if after.implausible else "set aside"
+            yield "alarm"
 
 
 def _is_alarm(state: SensorCheckState) -> bool:

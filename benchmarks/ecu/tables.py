@@ -75,6 +75,7 @@ def models(found: Any) -> str:
     """Return the table of the model checks that explore all states of fail-safe and flashing."""
     of = found["figures"]
     fail_safe, flashing = of["fail_safe"], of["flashing"]
+    planted = ([one["found"] for one in of["sabotaged"] if one["part"] == part] for part in ("fail_safe", "flashing"))
     rows = [
         ("states", fail_safe["states"], flashing["states"]),
         ("steps", fail_safe["steps"], flashing["transitions"]),
@@ -82,16 +83,11 @@ def models(found: Any) -> str:
         ("cuts during a recovery", None, flashing["second_cuts"]),
         ("power-ons", None, flashing["boots"]),
         ("checks that control can start, a release can be flashed", fail_safe["started"], flashing["recoveries"]),
-        ("planted faults found", *(_found(of["sabotaged"], part) for part in ("fail_safe", "flashing"))),
+        ("planted faults found", *(f"{sum(map(bool, each))} of {len(each)}" for each in planted)),
     ]
     return f"""{table(("", "fail-safe", "flashing"), rows)}
 
 All states were explored on {found["date"]}."""
-
-
-def _found(sabotaged: list[dict[str, str]], part: str) -> str:
-    verdicts = [bool(one["found"]) for one in sabotaged if one["part"] == part]
-    return f"{sum(verdicts)} of {len(verdicts)}"
 
 
 def loops(found: Any) -> str:

@@ -13,14 +13,12 @@ change by Student's t.
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import Annotated, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
-import typer
 
-from benchmarks.common.command_line import JsonFile, Parts, Release, Workers, kept_runs, report
+from benchmarks.common.command_line import JsonFile, Parts, Workers, kept_runs, report
 from benchmarks.release import tables
 from benchmarks.release.release_loop import SPANS, facts_of, half_width_95, kept_starts, run_from
 from contract.config.controller import CostWeights
@@ -52,30 +50,25 @@ CASES: Final = (
     Case("smoothness of 300", {"smoothness": 300.0}),
 )
 NONE: Final = {"drag_fluctuation": 0.0, "lift_mean": 0.0, "smoothness": 0.0, "rate": 0.0, "prior": 0.0}
-"""Weights of the cost terms for which the prior was not trained; these values are used in the runs without
-iterations."""
+"""Weights of the cost terms for which the prior was not trained, in the runs without iterations."""
+PHASES: Final = 3
+"""Number of starting phases in a shedding cycle."""
 
 
-def main(
-    json_file: JsonFile = None,
-    parts: Parts = Path("runs/iterations"),
-    phases: Annotated[int, typer.Option(min=2, max=25, help="Number of starting phases in a shedding cycle.")] = 3,
-    workers: Workers = 1,
-    bundle: Release = BUNDLE,
-) -> None:
+def main(json_file: JsonFile = None, parts: Parts = Path("runs/iterations"), workers: Workers = 1) -> None:
     """Run all pairs of runs and print a table."""
-    release = bundles.load(bundle)
+    release = bundles.load(BUNDLE)
     config = load_config()
-    kept = kept_starts(parts, release, phases, config)
+    kept = kept_starts(parts, release, PHASES, config)
     own = release_calibration(release, replace(config, mpc=release.manifest.mpc))
     acting = [case for case in CASES if calibrated(own, case, iterated=True) != calibrated(own, case, iterated=False)]
     runs = {
         kept.path / f"{case.name}_{phase}_{'with' if iterated else 'without'}.json": (kept.start(phase), case, iterated)
         for case in acting
-        for phase in range(phases)
+        for phase in range(PHASES)
         for iterated in (True, False)
     }
-    costs = kept_runs(partial(outcome, bundle), runs, workers=workers, label="iterations")
+    costs = kept_runs(outcome, runs, workers=workers, label="iterations")
     changes: dict[str, list[float]] = {case.name: [] for case in acting}
     for (_, case, _), with_them, without in zip(list(runs.values())[::2], costs[::2], costs[1::2], strict=True):
         changes[case.name].append(100.0 * (with_them["cost"] / without["cost"] - 1.0))
@@ -100,9 +93,9 @@ def calibrated(own: Calibration, case: Case, *, iterated: bool) -> Calibration:
     return replace(own, weights=weights, action_limit=case.limit * own.action_limit, delay_steps=case.delay)
 
 
-def outcome(bundle: Path, start: Path, case: Case, iterated: bool) -> dict[str, float]:
+def outcome(start: Path, case: Case, iterated: bool) -> dict[str, float]:
     """Return the cost of the averaged part of a run, with the case's weights."""
-    release = bundles.load(bundle)
+    release = bundles.load(BUNDLE)
     config = replace(load_config(), mpc=release.manifest.mpc)
     ecu, vehicle = replace(config.ecu, delay_steps=case.delay), replace(config.vehicle, actuator_delay=case.delay)
     config = replace(config, ecu=ecu, vehicle=vehicle)

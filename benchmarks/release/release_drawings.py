@@ -71,15 +71,13 @@ def weights(figures: Mapping[str, Any]) -> dict[str, Figure]:
     shown = (("lift", "abs_Cl_controlled", "mean |Cl|"), ("effort", "jet_power_controlled", "jet power"))
     for axes, (weight, name, label) in zip(figure.subplots(1, 2), shown, strict=True):
         runs = [row for row in figures["runs"] if row["weight"] == weight]
-        averaged = means(figures["runs"], weight)
+        average = means(figures["runs"], weight)
         axes.plot([run["value"] for run in runs], [run[name] for run in runs], ".", color="tab:blue", alpha=0.5)
-        axes.plot(list(averaged), [found[name] for found in averaged.values()], "-", color="tab:blue")
+        axes.plot(list(average), [found[name] for found in average.values()], "-", color="tab:blue")
         axes.set(xlabel=f"weight on {weight}", ylabel=label)
         axes.set_ylim(bottom=0.0)
         drag = axes.twinx()
-        drag.plot(
-            list(averaged), [found["reduction_percent"] for found in averaged.values()], "s--", color="tab:orange"
-        )
+        drag.plot(list(average), [found["reduction_percent"] for found in average.values()], "s--", color="tab:orange")
         drag.set(ylabel="less drag, %", ylim=(0.0, 40.0))
         drag.yaxis.label.set_color("tab:orange")
         axes.yaxis.label.set_color("tab:blue")

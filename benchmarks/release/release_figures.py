@@ -1,9 +1,9 @@
 """The paper's figures on control, for a release: errors of its forecasts, distributions, and mean fields.
 
-    python -m benchmarks release-figures [--bundle DIR] [--json FILE]
+    python -m benchmarks release-figures [--json FILE]
 
 The benchmark runs the closed loop as `stillwake run` does, stores every forecast of the controller, and averages the
-flow without and with control. Pictures are written to docs/pictures, or to the folder given with --pictures.
+flow without and with control. Pictures are written to docs/pictures.
 
 A forecast assumes that the jets follow the optimiser's plan, but later control steps may change the plan from its
 second action on. The error at h = 1 .. H is the distance between the forces that were forecast at t_k for t_{k+h} and
@@ -12,22 +12,20 @@ the flow's forces at t_{k+h}.
 
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import numpy as np
-import typer
 
 from benchmarks.common.command_line import JsonFile, bars, report
-from benchmarks.common.documents import PICTURES, draw
+from benchmarks.common.documents import draw
 from benchmarks.release import release_drawings, tables
+from benchmarks.release.release_loop import SPANS
 from contract.arrays import Array
 from contract.config.loading import load_config
 from contract.controller.interface import ControlStep, RunnableController
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.bench.closed_loop import run_closed_loop
-from firmware_sim.bench.simulation import Spans
 from firmware_sim.runs.run_log import Row, RunFolder, RunLog
-from stillwake.console.options import Trust
 from stillwake.console.progress import progress
 from stillwake.parts.releases import open_release
 from wake.plants import open_plant
@@ -35,10 +33,8 @@ from wake.solver.grid import Flow
 from wake.truck.develop import recirculation_length
 from wake.truck.truck_wake import TruckWake
 
-BINS: Final = 40
-"""Number of bins of a histogram; the bins cover the common range of the cases without and with control."""
-_QUANTILES: Final = (0.1, 0.9)
 CASES: Final = ("uncontrolled", "controlled")
+RUN: Final = Path("runs/release_figures")
 
 
 class Listening:
@@ -61,23 +57,13 @@ class Listening:
         return step
 
 
-def main(
-    bundle: Annotated[Path | None, typer.Option(help="Release bundle; default: the shipped one.")] = None,
-    trust: Trust = None,
-    json_file: JsonFile = None,
-    run: Annotated[Path, typer.Option(help="Run folder to write.")] = Path("runs/release_figures"),
-    pictures: Annotated[Path, typer.Option(help="Folder of the pictures.")] = PICTURES,
-    lead_in: Annotated[float, typer.Option(help="Time without control, t_c.", min=5.0)] = 25.0,
-    controlled: Annotated[float, typer.Option(help="Time with control, t_c.", min=20.0)] = 100.0,
-    settle: Annotated[float, typer.Option(help="Time left out of the controlled averages, t_c.", min=0.0)] = 40.0,
-) -> None:
+def main(json_file: JsonFile = None) -> None:
     """Run the closed loop once, and write figures and pictures."""
-    release, config = open_release(bundle, trust), load_config()
+    release, config = open_release(None), load_config()
     horizon, period = release.manifest.mpc.horizon, config.flow.control_period
-    spans: dict[str, Any] = {"lead_in": lead_in, "controlled": controlled, "settle": settle}
     listening, forecasts = Listening(OnnxController.of(release)), list[Array]()
-    first, settled = round(lead_in / period), round((lead_in + settle) / period)
-    with open_plant("wake", run, config) as wake, progress("periods", console=bars) as shown:
+    first, settled = round(SPANS.lead_in / period), round((SPANS.lead_in + SPANS.settle) / period)
+    with open_plant("wake", RUN, config) as wake, progress("periods", console=bars) as shown:
         assert isinstance(wake, TruckWake)
         flows, counts = [Flow.zeros(wake.grid.shape) for _ in range(2)], [0, 0]
 
@@ -91,27 +77,24 @@ def main(
             shown("closed loop", done, total, f"Cd {row.sample.Cd:.3f}")
 
         given: dict[str, Any] = {"controller": listening, "plant": nullcontext(wake), "progress": show}
-        log = run_closed_loop(run, release, config, Spans(**spans), **given)
+        log = run_closed_loop(RUN, release, config, SPANS, **given)
     figures = measured(log, np.array(forecasts), settled) | {"mean": [_mean(wake, flow) for flow in flows]}
     facts = {
         "bundle": {"name": release.manifest.name, "digest": release.digest},
-        **spans,
+        **{name: getattr(SPANS, name) for name in ("lead_in", "controlled", "settle")},
         "period": period,
         "versions": log.metadata.versions,
     }
     report(json_file, figures, facts, tables.release_forecasts, tables.release_distributions)
     drawn = release_drawings.drawn(figures) | {"release_mean_flow": release_drawings.mean_flows(wake, flows)}
     # Without a results file, the pictures state the run's summary as their source.
-    draw(drawn, RunFolder(run).summary if json_file is None else json_file.resolve(), folder=pictures)
+    draw(drawn, RunFolder(RUN).summary if json_file is None else json_file.resolve())
 
 
 def measured(log: RunLog, forecasts: Array, settled: int) -> dict[str, Any]:
-    """Return the errors of the forecasts, and the distributions, for a run of n periods.
-
-    Args:
-        forecasts: forces forecast in every period for the next H periods, shape (n, H, 2); NaN without a forecast.
-        settled: index of the first row of the evaluated part with control.
-    """
+    """Return the errors of the forecasts, and the distributions, for a run of n periods. `forecasts` are the forces
+    forecast in every period for the next H periods, shape (n, H, 2), NaN without a forecast; `settled` is the index of
+    the first row of the evaluated part with control."""
     truth = np.column_stack([log.series["Cd"], log.series["Cl"]])
     errors = forecast_errors(forecasts[settled:], truth[settled:])
     spans = (slice(0, log.enabled_at), slice(settled, len(truth)))
@@ -127,12 +110,9 @@ def measured(log: RunLog, forecasts: Array, settled: int) -> dict[str, Any]:
 
 
 def forecast_errors(forecasts: Array, truth: Array) -> list[Array]:
-    """Return |forecast - truth| at each h = 1 .. H, as an array of shape (m_h, 2) for the m_h comparable forecasts.
-
-    Args:
-        forecasts: forecasts in n periods, shape (n, H, 2). Row k is for the periods k + 1 .. k + H; NaN if missing.
-        truth: forces of the flow, shape (n, 2).
-    """
+    """Return |forecast - truth| at each h = 1 .. H, as an array of shape (m_h, 2) for the m_h comparable forecasts. Row
+    k of the forecasts, shape (n, H, 2), is for the periods k + 1 .. k + H; NaN if missing. `truth` are the forces of
+    the flow, shape (n, 2)."""
     found = []
     for ahead in range(1, forecasts.shape[1] + 1):
         error = np.abs(forecasts[: len(truth) - ahead, ahead - 1] - truth[ahead:])
@@ -141,7 +121,7 @@ def forecast_errors(forecasts: Array, truth: Array) -> list[Array]:
 
 
 def _errors(ahead: int, found: Array) -> dict[str, Any]:
-    low, high = np.quantile(found, _QUANTILES, axis=0)
+    low, high = np.quantile(found, (0.1, 0.9), axis=0)
     return {
         "h": ahead,
         "forecasts": len(found),
@@ -153,7 +133,8 @@ def _errors(ahead: int, found: Array) -> dict[str, Any]:
 
 
 def _distribution(values: list[Array]) -> dict[str, Any]:
-    edges = np.histogram_bin_edges(np.concatenate(values), BINS)
+    # The bins cover the common range of the cases without and with control.
+    edges = np.histogram_bin_edges(np.concatenate(values), 40)
     return {
         "edges": edges.tolist(),
         **{
@@ -169,7 +150,6 @@ def _distribution(values: list[Array]) -> dict[str, Any]:
 
 
 def _mean(wake: TruckWake, flow: Flow) -> dict[str, Any]:
-    """Return the figures of a mean flow: bubble length, forces, and Cp at all sensors."""
     seen = wake.surface.measure(flow)
     return {
         "recirculation_length": recirculation_length(wake.grid, flow),

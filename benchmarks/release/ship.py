@@ -7,7 +7,6 @@ the project's key.
 """
 
 import argparse
-import hashlib
 import json
 import shutil
 from datetime import date
@@ -19,6 +18,7 @@ from contract.atomic import replacing
 from contract.errors import BundleError
 from contract.model.model_folder import DESCRIPTION, MODEL_WEIGHTS, read
 from contract.release import bundle as bundles
+from contract.release.checks import sha256
 from contract.release.signing import project_key
 
 DATA: Final = ROOT / "data" / "stillwake_data"
@@ -39,9 +39,7 @@ def ship(model: Path, release: Path, *, command: str, on: date, data: Path = DAT
     records["model"] = {
         "command": command,
         "date": on.isoformat(),
-        "sha256": {
-            name: hashlib.sha256((model / name).read_bytes()).hexdigest() for name in (DESCRIPTION, MODEL_WEIGHTS)
-        },
+        "sha256": {name: sha256((model / name).read_bytes()) for name in (DESCRIPTION, MODEL_WEIGHTS)},
         "recording_sha256": trained.description.dataset_sha256,
         "versions": dict(trained.description.versions),
     }

@@ -10,26 +10,13 @@ Spearman's rank correlation states how consistently a larger weight has a larger
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from rich.table import Table
 from scipy.stats import spearmanr
 
-from benchmarks.common.command_line import (
-    LOOP,
-    JsonFile,
-    Parts,
-    Phases,
-    Release,
-    Workers,
-    console,
-    kept_runs,
-    made_from,
-    save,
-)
+from benchmarks.common.command_line import LOOP, JsonFile, Parts, Workers, console, kept_runs, made_from, save
 from benchmarks.release.release_drawings import means
 from benchmarks.release.release_loop import facts_of, run_from
 from contract.config.loading import load_config
@@ -45,6 +32,8 @@ from wake.plants import own_wake
 from wake.truck.state import save_state
 
 SPANS: Final = Spans(lead_in=15.0, controlled=85.0, settle=35.0)
+PHASES: Final = 3
+"""Number of starting phases in a shedding cycle."""
 SHARES: Final = (np.arange(7) / 6) ** 2
 """Values of a weight as shares of its largest value. They are equally spaced in the prior's input, which is the square
 root of the weight."""
@@ -61,46 +50,35 @@ class Case(NamedTuple):
     phase: int
 
 
-def main(
-    json_file: JsonFile = None,
-    parts: Parts = Path("runs/weights"),
-    phases: Phases = 3,
-    workers: Workers = 1,
-    bundle: Release = BUNDLE,
-) -> None:
-    """Run the loop with every value of each weight from every start, and print a table."""
-    release = bundles.load(bundle)
-    folder = started(parts / made_from(release.digest), phases)
+def main(json_file: JsonFile = None, parts: Parts = Path("runs/weights"), workers: Workers = 1) -> None:
+    """Run the loop with every value of each weight from every start, and print the correlations."""
+    release = bundles.load(BUNDLE)
+    folder = started(parts / made_from(release.digest))
     cases = [
         Case(weight, float(round(share * dearest, 6)), phase)
         for weight, dearest in DEAREST.items()
         for share in SHARES
-        for phase in range(phases)
+        for phase in range(PHASES)
     ]
     runs = {
         folder / f"{case.weight}_{case.value:g}_{case.phase}.json": (folder / f"start_{case.phase}.npz", case)
         for case in cases
     }
-    outcomes = kept_runs(partial(outcome, bundle), runs, workers=workers, label="weights")
+    outcomes = kept_runs(outcome, runs, workers=workers, label="weights")
     rows = [{**case._asdict(), **outcome} for case, outcome in zip(cases, outcomes, strict=True)]
     figures = {"runs": rows, "spearman": _correlations(rows), "end_to_end": _end_to_end(rows)}
-    table = Table("weight", "value", "less drag, %", "mean |Cl|", "rms action", "jet power")
-    for weight in DEAREST:
-        for value, found in means(rows, weight).items():
-            shown = ("reduction_percent", "abs_Cl_controlled", "rms_action", "jet_power_controlled")
-            table.add_row(weight, f"{value:g}", *(f"{found[name]:.4g}" for name in shown))
-    console.print(table, figures["spearman"], figures["end_to_end"])
+    console.print(figures["spearman"], figures["end_to_end"])
     mesh = mesh_of(load_config()).flow.refinement
     save(json_file, figures=figures, facts=facts_of(release, SPANS, mesh=mesh))
 
 
-def started(folder: Path, phases: int) -> Path:
+def started(folder: Path) -> Path:
     """Return a folder with the developed wake on the training's mesh at each starting phase of the shedding cycle."""
     folder.mkdir(parents=True, exist_ok=True)
-    if not (folder / f"start_{phases - 1}.npz").is_file():
+    if not (folder / f"start_{PHASES - 1}.npz").is_file():
         config = mesh_of(load_config())
         wake, reached = own_wake(config), 0
-        for phase, apart in enumerate(phases_apart(phases, config)):
+        for phase, apart in enumerate(phases_apart(PHASES, config)):
             for _ in range(apart - reached):
                 wake.advance(0.0)
             reached = apart
@@ -108,9 +86,9 @@ def started(folder: Path, phases: int) -> Path:
     return folder
 
 
-def outcome(bundle: Path, start: Path, case: Case) -> dict[str, Any]:
+def outcome(start: Path, case: Case) -> dict[str, Any]:
     """Return the figures of a run in which the ECU has the case's weight."""
-    release, config = bundles.load(bundle), mesh_of(load_config())
+    release, config = bundles.load(BUNDLE), mesh_of(load_config())
     own = release_calibration(release, config)
     calibration = replace(own, weights=replace(own.weights, **{case.weight: case.value}))
     found = summary(run_from(start, release, config, SPANS, calibration=calibration))

@@ -19,11 +19,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from benchmarks.release.join import RAMP, feedback_of, fit
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.controller.goal import Goal
 from contract.differentiable import DifferentiableFlow, FlowState
+from contract.errors import ModelError
 from contract.model import model_folder
 from contract.model.model_folder import AIR_SPEED
 from contract.side_by_side import process_pool
@@ -33,7 +33,9 @@ from train import model_store
 from train.fitting.fit import torch_threads, without_denormals
 from train.model_store import TrainedModel
 from train.refinement import air_speed
-from train.refinement.imitation import Demonstration, demonstration, watch
+from train.refinement.feedback import Feedback, scales_of
+from train.refinement.imitation import Demonstration, demonstration, imitate, watch
+from train.refinement.pipeline import middles_and_deviations
 
 SPEEDS: Final = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4)
 TOLD: Final = (0.9, 0.95, 1.0, 1.05, 1.1)
@@ -41,11 +43,10 @@ TOLD: Final = (0.9, 0.95, 1.0, 1.05, 1.1)
 BEST_TOLD: Final = {0.8: 0.95}
 """The ratio, by true speed, with which the prior of `truck-wake-14` causes less drag than with the right speed. From
 two starts, Cd is 0.799 and 0.798 instead of 0.827 and 0.814."""
-GUST: Final = 0.1
-"""Amplitude of the gusts in design speeds."""
-GUST_PERIOD: Final = 100
-"""Period of the gusts in control periods."""
-PERIODS: Final = 600
+GUST, GUST_PERIOD = 0.1, 100
+"""Amplitude of the gusts in design speeds, and their period in control periods."""
+RAMP, PERIODS = 40, 600
+"""Number of control periods over which the speed changes from the design speed, and number of periods after that."""
 STARTS: Final = 8
 ROUNDS: Final = 3
 SEED: Final = 0
@@ -74,24 +75,31 @@ def gusty(speed: float) -> Course:
     return Course(f"{speed} with gusts", speeds, (course.speeds / speeds)[:-1])
 
 
+def feedback_of(model: TrainedModel) -> Feedback:
+    """Return the model's prior as a feedback controller. Raises ModelError if the model has no prior."""
+    if model.prior is None or "filters" not in model.prior:
+        raise ModelError("the model has no prior: train it with `stillwake refine` first")
+    middles, deviations = middles_and_deviations(model, model.sensors)
+    limit = model.config.flow.action_limit
+    scales = scales_of(deviations[::2].tolist(), limit)
+    made = Feedback(len(model.prior["filters"]), len(model.prior["output"]), scales, middles, limit, seed=0)
+    made.begin_with(model.prior)
+    return made
+
+
 def demonstrations_of(
     run: tuple[Course, Sequence[Array]], *, model: TrainedModel, prior: Mapping[str, Array] | None, start: int
 ) -> list[Demonstration]:
-    """Run a course. Return the actions of the model's prior in the course's states with the speed times `expert_told`.
-
-    Args:
-        run: the course, and for each demonstration the factors `told` of its input.
-        prior: prior that runs with `told` of the course; if None, the model's prior runs with `expert_told`.
-        start: number of the initial state.
-    """
+    """Run a course from the initial state with this number. Return the actions of the model's prior in the course's
+    states with the speed times `expert_told`. `run` has the course and, for each demonstration, the factors `told` of
+    its input. `prior` runs with `told` of the course; if it is None, the model's prior runs with `expert_told`."""
     course, ratios = run
-    goal, expert = Goal.of(model.config.mpc.weights), feedback_of(model, model)
+    goal, expert = Goal.of(model.config.mpc.weights), feedback_of(model)
     with torch_threads(1), without_denormals():
-        config = replace(model.config, refine=replace(model.config.refine, streams=STARTS))
-        flow, starts = _flow(config, tuple(model.sensors))
+        flow, starts = _flow(model.config, tuple(model.sensors))
         driver, told = expert, np.full(len(course.told), course.expert_told)
         if prior is not None:
-            driver, told = feedback_of(replace(model, prior={**(model.prior or {}), **prior}), model), course.told
+            driver, told = feedback_of(replace(model, prior={**(model.prior or {}), **prior})), course.told
         seen = watch(flow, driver, starts[start % STARTS], course.speeds, goal, told=told)
         found = [demonstration(seen, expert, goal, told=each, expert_told=course.expert_told) for each in ratios]
     drag = seen.Cd[len(seen.Cd) // 4 :].mean()
@@ -101,7 +109,7 @@ def demonstrations_of(
 
 def withstand(model: TrainedModel, *, rounds: int = ROUNDS, workers: int = 2) -> TrainedModel:
     """Return the model with a prior that tolerates wrong speeds. Raises PlantError if the flow diverges."""
-    student, goal = feedback_of(model, model), Goal.of(model.config.mpc.weights)
+    student, goal = feedback_of(model), Goal.of(model.config.mpc.weights)
     courses = [*(steady(speed, told) for speed in SPEEDS for told in TOLD), *map(gusty, SPEEDS[1:-1])]
     right = [(steady(speed, 1.0), [steady(speed, told).told for told in TOLD]) for speed in SPEEDS]
     right += [(course, [np.ones(len(course.told)), course.told]) for course in map(gusty, SPEEDS[1:-1])]
@@ -120,17 +128,24 @@ def withstand(model: TrainedModel, *, rounds: int = ROUNDS, workers: int = 2) ->
     return replace(model, prior={**(model.prior or {}), AIR_SPEED: weights})
 
 
+def fit(student: Feedback, given: Sequence[Demonstration], goal: Goal) -> None:
+    """Fit the student's prior to demonstrations on each side of the design speed, and print the errors."""
+    for faster, side in ((False, "below"), (True, "above")):
+        error, action = imitate(student, given, goal, faster=faster)
+        make_console().print(f"{side} the design speed: rms error {error:.3f} of the limit, action {action:.3f}")
+
+
 def seen_of(number: int, *, model: TrainedModel) -> tuple[Array, Array]:
     """Run the model's prior with one wrong speed, for the estimate of the air speed."""
     with torch_threads(1), without_denormals():
-        config = replace(model.config, refine=replace(model.config.refine, streams=STARTS))
-        flow, starts = _flow(config, tuple(model.sensors))
-        prior, goal = feedback_of(model, model), Goal.of(model.config.mpc.weights)
-        return air_speed.run(flow, prior, starts, config.refine, goal, seed=SEED, number=number)
+        flow, starts = _flow(model.config, tuple(model.sensors))
+        goal, settings = Goal.of(model.config.mpc.weights), replace(model.config.refine, streams=STARTS)
+        return air_speed.run(flow, feedback_of(model), starts, settings, goal, seed=SEED, number=number)
 
 
 @cache
 def _flow(config: Config, sensors: tuple[str, ...]) -> tuple[DifferentiableFlow, list[FlowState]]:
+    config = replace(config, refine=replace(config.refine, streams=STARTS))
     return differentiable_wake(config, sensors, None, lambda *_: None)
 
 

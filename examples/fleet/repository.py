@@ -62,14 +62,9 @@ _KEYS: Final = (*ROOT_KEYS, *(name for name in LIFETIME if name != "root"))
 
 
 class Repository:
-    """A repository in a folder, with the keys that sign its metadata.
-
-    Args:
-        folder: folder that a web server serves; it contains `metadata` and `targets`.
-        keys: folder with a subfolder for each key; `stillwake keygen` makes such subfolders. Keys that a call does not
-            use may be missing.
-        now: present time, at which lifetimes begin.
-    """
+    """A repository in a folder that a web server serves, with `metadata` and `targets`. The folder `keys` has a
+    subfolder, as `stillwake keygen` makes it, for each key that signs the metadata. Keys that a call does not use may
+    be missing. Lifetimes begin at the present time, `now`."""
 
     def __init__(self, folder: Path, keys: Path, now: datetime) -> None:
         self._folder, self._keys, self._now = folder, keys, now
@@ -100,11 +95,7 @@ class Repository:
         for role in (RELEASES, ROLLOUT):
             targets.signed.add_key(self._signer(role).public_key, role)
         snapshot = Metadata(Snapshot())
-        for role, metadata in (
-            ("targets", targets),
-            (RELEASES, Metadata(Targets())),
-            (ROLLOUT, Metadata(Targets())),
-        ):
+        for role, metadata in (("targets", targets), (RELEASES, Metadata(Targets())), (ROLLOUT, Metadata(Targets()))):
             self._sign(role, metadata, (role,))
             snapshot.signed.meta[f"{role}.json"] = MetaFile(version=metadata.signed.version)
         self._sign("snapshot", snapshot, ("snapshot",))

@@ -15,12 +15,11 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from urllib.parse import unquote, urlsplit
 
 from rich import print
 from tuf.api.exceptions import DownloadError, DownloadHTTPError, RepositoryError
-from tuf.api.metadata import TargetFile
 from tuf.ngclient.fetcher import FetcherInterface
 from tuf.ngclient.updater import Updater
 
@@ -52,22 +51,11 @@ def bin_of(vehicle: str) -> int:
 
 
 def fetch(repository: str, state: Path, root: bytes, *, vehicle: str, hardware: str, to: Path) -> Bundle | None:
-    """Fetch the release that a vehicle must run, check it, and write it as a bundle.
-
-    Args:
-        repository: URL or path of the repository's folder.
-        state: folder for the latest metadata; the first call creates it.
-        root: the root metadata that the vehicle got at production.
-        vehicle: identity of the vehicle.
-        hardware: name of the ECU's hardware.
-        to: directory to write.
-
-    Returns:
-        The bundle; None if nothing is rolled out to this vehicle.
-
-    Raises:
-        StillwakeError: the repository cannot be read or is not valid, or the release is not for this vehicle.
-    """
+    """Fetch the release that a vehicle must run from a repository (URL or path of a folder), check it, write it into
+    the directory `to` as a bundle, and return it; None if nothing is rolled out to this vehicle. `state` is the folder
+    for the latest metadata, which the first call creates; `root` is the root metadata that the vehicle got at
+    production. Raises StillwakeError if the repository cannot be read or is not valid, or the release is not for this
+    vehicle."""
     try:
         updater = _updater(repository, state, root)
         updater.refresh()
@@ -78,7 +66,8 @@ def fetch(repository: str, state: Path, root: bytes, *, vehicle: str, hardware: 
         release = updater.get_targetinfo(place) if place.startswith("releases/") else None
         if release is None:
             raise StillwakeError(f"{place}: is rolled out, but was not published by the role `releases`")
-        custom = _custom(release)
+        custom = release.unrecognized_fields.get("custom")
+        custom = custom if isinstance(custom, dict) else {}
         if custom.get("hardware") not in (None, hardware):
             raise StillwakeError(f"{place}: is for hardware {custom['hardware']}, this vehicle has {hardware}")
         image = Path(updater.download_target(release, str(state / "downloads" / "release"))).read_bytes()
@@ -99,29 +88,15 @@ def _updater(repository: str, state: Path, root: bytes) -> Updater:
     base = (repository if is_url else Path(repository).resolve().as_uri()).rstrip("/")
     downloads = state / "downloads"
     downloads.mkdir(parents=True, exist_ok=True)
-    return Updater(
-        str(state),
-        f"{base}/metadata/",
-        str(downloads),
-        f"{base}/targets/",
-        fetcher=None if is_url else FolderFetcher(),
-        bootstrap=root,
-    )
+    fetcher = None if is_url else FolderFetcher()
+    return Updater(str(state), f"{base}/metadata/", str(downloads), f"{base}/targets/", fetcher=fetcher, bootstrap=root)
 
 
 def _release_in(assignment: bytes) -> str:
     try:
-        place = json.loads(assignment)["release"]
+        return str(json.loads(assignment)["release"])
     except (ValueError, KeyError, TypeError) as error:
         raise StillwakeError(f"assignment {assignment[:80]!r}: names no release") from error
-    if not isinstance(place, str):
-        raise StillwakeError(f"assignment {assignment[:80]!r}: names no release")
-    return place
-
-
-def _custom(target: TargetFile) -> dict[str, Any]:
-    custom = target.unrecognized_fields.get("custom")
-    return custom if isinstance(custom, dict) else {}
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -133,19 +108,13 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--vehicle", required=True, help="identity of the vehicle")
     parser.add_argument("--hardware", default="generic", help="hardware of the ECU")
     parser.add_argument("--to", type=Path, required=True, help="directory to write the bundle to")
-    given = parser.parse_args(arguments)
-    bundle = fetch(
-        given.repository,
-        given.state,
-        given.root.read_bytes(),
-        vehicle=given.vehicle,
-        hardware=given.hardware,
-        to=given.to,
-    )
+    args = parser.parse_args(arguments)
+    root = args.root.read_bytes()
+    bundle = fetch(args.repository, args.state, root, vehicle=args.vehicle, hardware=args.hardware, to=args.to)
     if bundle is None:
-        print(f"nothing is rolled out to {given.vehicle}")
+        print(f"nothing is rolled out to {args.vehicle}")
     else:
-        print(f"{given.vehicle} must run {bundle.manifest.name}: wrote {given.to}")
+        print(f"{args.vehicle} must run {bundle.manifest.name}: wrote {args.to}")
 
 
 if __name__ == "__main__":

@@ -77,26 +77,19 @@ print(f"action on the core {action:.5f}, on a computer {answer:.5f}: apart by {d
 # The flash contains code and weights. The RAM contains the workspace, the stack, and a copy of the dynamics' weights,
 # because every iteration reads these weights.
 
-sizes = {
-    "code": firmware.sections[".text"],
-    "weights, tables": firmware.sections[".rodata"],
-    "dynamics": firmware.sections[".hot"],
-    "workspace": firmware.sections.get(".data", 0) + firmware.sections[".bss"],
-    "stack": stack,
-}
-COLOURS = {
-    "code": "#2b6ca3",
-    "weights, tables": "#a3562b",
-    "dynamics": "#3b7d3b",
-    "workspace": "#6b4a8f",
-    "stack": "#555555",
+parts = {
+    "code": (firmware.sections[".text"], "#2b6ca3"),
+    "weights, tables": (firmware.sections[".rodata"], "#a3562b"),
+    "dynamics": (firmware.sections[".hot"], "#3b7d3b"),
+    "workspace": (firmware.sections.get(".data", 0) + firmware.sections[".bss"], "#6b4a8f"),
+    "stack": (stack, "#555555"),
 }
 figure, axis = plt.subplots(figsize=(8, 2.2), layout="constrained")
-for place, parts in (("flash", ("code", "weights, tables", "dynamics")), ("RAM", ("dynamics", "workspace", "stack"))):
+for place, names in (("flash", ("code", "weights, tables", "dynamics")), ("RAM", ("dynamics", "workspace", "stack"))):
     left = 0.0
-    for part in parts:
-        size = sizes[part] / 1024
-        bar = axis.barh(place, size, left=left, color=COLOURS[part], edgecolor="white")
+    for part in names:
+        size, colour = parts[part][0] / 1024, parts[part][1]
+        bar = axis.barh(place, size, left=left, color=colour, edgecolor="white")
         if size > 4.0:
             axis.bar_label(bar, [f"{part}\n{size:.1f}"], label_type="center", fontsize=8, color="white")
         left += size

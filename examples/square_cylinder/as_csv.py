@@ -21,22 +21,14 @@ from contract.sensor_layout import SensorLayout
 def write_sensors(path: Path, layout: SensorLayout) -> None:
     """Write one line per sensor; `base` is 1 on the base and 0 elsewhere."""
     base = set(layout.base.tolist())
-    rows = (
-        (name, *place, int(k in base))
-        for k, (name, place) in enumerate(zip(layout.names, _places(layout), strict=True))
-    )
-    _write(path, ("name", "x", "y", "base"), rows)
+    places = zip(layout.names, layout.positions.tolist(), strict=True)
+    _write(path, ("name", "x", "y", "base"), ((name, *at, int(k in base)) for k, (name, at) in enumerate(places)))
 
 
 def write_episode(path: Path, episode: Episode, layout: SensorLayout) -> None:
     """Write one line per control step."""
     series = [episode.series[name] for name in ("t", "action", "Cd", "Cl")]
     _write(path, ("t", "action", "Cd", "Cl", *layout.names), np.column_stack([*series, episode.series["Cp"]]).tolist())
-
-
-def _places(layout: SensorLayout) -> list[list[float]]:
-    places: list[list[float]] = layout.positions.tolist()
-    return places
 
 
 def _write(path: Path, heads: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

@@ -56,8 +56,5 @@ def test_a_result_has_date_figures_facts_and_machine(tmp_path):
         versions = content["facts"]["versions"]
         assert content["figures"] and versions and all(isinstance(item, str) for item in versions.values()), path
     write_result(tmp_path / "one.json", figures={"Cd": 1.0}, facts={"seed": 3}, on=date(2026, 1, 2))
-    assert json.loads((tmp_path / "one.json").read_text()) == {
-        "date": "2026-01-02",
-        "figures": {"Cd": 1.0},
-        "facts": {"seed": 3, "machine": machine()},
-    }
+    wanted = {"date": "2026-01-02", "figures": {"Cd": 1.0}, "facts": {"seed": 3, "machine": machine()}}
+    assert json.loads((tmp_path / "one.json").read_text()) == wanted

@@ -8,11 +8,8 @@ from benchmarks.release.release_loop import FIGURES, spread, with_net
 from benchmarks.release.tables import campaign
 from tests.firmware_sim.campaign.conftest import phase_of, rows_of, scenario_of
 
-RUN = dict.fromkeys(FIGURES, 1.0) | {
-    "Cd_net_uncontrolled": 1.25,
-    "Cd_net_controlled": 0.75,
-    "jet_power_controlled": 0.25,
-}
+RUN = dict.fromkeys(FIGURES, 1.0)
+RUN |= {"Cd_net_uncontrolled": 1.25, "Cd_net_controlled": 0.75, "jet_power_controlled": 0.25}
 
 
 def test_an_error_belongs_to_the_instant_that_was_forecast():

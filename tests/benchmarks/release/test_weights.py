@@ -5,19 +5,16 @@ from statistics import mean
 
 import pytest
 
-from benchmarks.release.weights import DEAREST, Case, outcome, started
-from contract.shipped import BUNDLE
+from benchmarks.release.weights import DEAREST, PHASES, Case, outcome, started
 
 
 @pytest.mark.proofs
 def test_a_weight_does_what_it_is_called(tmp_path: Path) -> None:
     # Single starts of one value differ by a factor of two in power.
-    folder = started(tmp_path, phases=3)
+    folder = started(tmp_path)
     for weight, effect, least in (("lift", "abs_Cl_controlled", 1 / 3), ("effort", "jet_power_controlled", 1 / 2)):
         none, dearest = (
-            mean(
-                outcome(BUNDLE, folder / f"start_{phase}.npz", Case(weight, value, phase))[effect] for phase in range(3)
-            )
+            mean(outcome(folder / f"start_{n}.npz", Case(weight, value, n))[effect] for n in range(PHASES))
             for value in (0.0, DEAREST[weight])
         )
         assert dearest < (1.0 - least) * none, weight
