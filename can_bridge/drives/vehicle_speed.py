@@ -73,7 +73,6 @@ class Travel:
         return _line(time_s, self.time_s, self.way)
 
     def time(self, way: Array) -> Array:
-        """Return the times at which the given distances have been travelled."""
         return _line(way, self.way, self.time_s)
 
 

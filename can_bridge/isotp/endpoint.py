@@ -128,7 +128,6 @@ class _Transmission:
         return self._state is not _State.IDLE
 
     def begin(self, message: bytes) -> None:
-        """Begin to send a message; no other message may be in progress."""
         self.message = message
         self._state = _State.READY
 
@@ -154,7 +153,6 @@ class _Transmission:
             self._end()
 
     def next_frame(self, now_ns: int) -> bytes | None:
-        """Return the data of the frame that may be sent now, or None."""
         if self._state is _State.READY:
             return self._beginning(now_ns)
         if self._state is not _State.SENDING or now_ns < self._not_before_ns:

@@ -61,7 +61,6 @@ Ident = tuple[int, bool]
 
 
 def error_class(message: can.Message) -> str:
-    """Return a description of the errors that an error frame reports."""
     names = [name for bit, name in enumerate(_ERROR_CLASSES) if message.arbitration_id >> bit & 1]
     return " and ".join(names) or "not stated"
 

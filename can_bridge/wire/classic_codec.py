@@ -56,21 +56,18 @@ def parse_pressure(data: bytes) -> Pressure | None:
 
 
 def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
-    """Return the message as 8 bytes. Raises ValueError for a value that is not finite or out of range."""
     density, speed = speed_steps(message)
     age = _age_steps("VehicleSpeed", message.age_ns, _SPEED_AGE_LIMIT)
     return (density << 24 | speed << 32 | age << 48).to_bytes(_LENGTH, "little")
 
 
 def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
-    """Decode a VehicleSpeed from 8 bytes; return None for another length."""
     if len(data) != _LENGTH:
         return None
     return vehicle_speed(data[3], int.from_bytes(data[4:6], "little"), data[6] * specs.CLASSIC_AGE_RESOLUTION_NS)
 
 
 def emit_jet_command(message: JetCommand) -> bytes:
-    """Return the message as 8 bytes."""
     flow, mode, enable, counter, next_period = message
     number = Mode(mode) << 12 | bool(enable) << 15 | (flow_steps(flow) & 0xFFFF) << 16
     number |= (counter is not None) << 32 | bool(next_period) << 33
@@ -79,7 +76,6 @@ def emit_jet_command(message: JetCommand) -> bytes:
 
 
 def parse_jet_command(data: bytes) -> JetCommand | None:
-    """Decode a JetCommand from 8 bytes; return None for another length or a mode outside the DBC's table."""
     if len(data) != _LENGTH:
         return None
     number = int.from_bytes(data, "little")

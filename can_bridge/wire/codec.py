@@ -57,7 +57,6 @@ def emit_pressure(message: Pressure) -> bytes:
 
 
 def parse_pressure(data: bytes) -> Pressure | None:
-    """Decode a Pressure from 16 bytes; return None for another length."""
     if len(data) != 16:
         return None
     flags, p0, p1, p2, p3, age = _PRESSURE.unpack(data)
@@ -71,12 +70,10 @@ def parse_pressure(data: bytes) -> Pressure | None:
 
 
 def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
-    """Return the message as 8 bytes."""
     return _VEHICLE_SPEED.pack(*speed_steps(message), _age_steps("VehicleSpeed", message.age_ns))
 
 
 def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
-    """Decode a VehicleSpeed from 8 bytes; return None for another length."""
     if len(data) != 8:
         return None
     density, speed, age = _VEHICLE_SPEED.unpack(data)
@@ -84,7 +81,6 @@ def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
 
 
 def emit_jet_command(message: JetCommand) -> bytes:
-    """Return the message as 8 bytes."""
     flow, mode, enable, counter, next_period = message
     flags = Mode(mode) | (_ENABLE if enable else 0) | (_NEXT_PERIOD if next_period else 0)
     flags |= 0 if counter is None else _COUNTER_VALID
@@ -92,7 +88,6 @@ def emit_jet_command(message: JetCommand) -> bytes:
 
 
 def parse_jet_command(data: bytes) -> JetCommand | None:
-    """Decode a JetCommand from 8 bytes; return None for another length or an unknown mode."""
     if len(data) != 8:
         return None
     flags, flow, counter = _JET_COMMAND.unpack(data)
@@ -108,7 +103,6 @@ def parse_jet_command(data: bytes) -> JetCommand | None:
 
 
 def emit_ecu_status(message: EcuStatus) -> bytes:
-    """Return the message as 24 bytes."""
     state, reason, *values = message
     for (name, most), value in zip(_STATUS_LIMITS.items(), values, strict=True):
         unsigned(name, value, most)
@@ -117,7 +111,6 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
 
 
 def parse_ecu_status(data: bytes) -> EcuStatus | None:
-    """Decode an EcuStatus from 24 bytes; return None for another length, or an unknown state or reason."""
     if len(data) != 24:
         return None
     raw_state, raw_reason, bus_off, overruns, missed, crc_errors, *rest, aside = _ECU_STATUS.unpack(data)
@@ -164,7 +157,6 @@ def speed_steps(message: VehicleSpeed) -> tuple[int, int]:
 
 
 def vehicle_speed(density: int, speed: int, age_ns: int) -> VehicleSpeed:
-    """Return the message with these raw values of density and speed."""
     return VehicleSpeed(
         speed_m_per_s=None if speed == specs.SPEED_UNKNOWN else speed * specs.SPEED_RESOLUTION_M_PER_S,
         age_ns=age_ns,

@@ -239,7 +239,6 @@ class ReceiveThread:
         self._thread.join()
 
     def close(self) -> None:
-        """Stop the thread and close the bus."""
         self.__exit__()
         self.bus.close()
 

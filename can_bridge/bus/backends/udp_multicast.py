@@ -101,7 +101,6 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
         self._echoes: deque[bytes] = deque(maxlen=_ECHOES)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """See `can.BusABC.send`."""
         datagram = pack_message(msg)
         with self._lock:
             self._echoes.append(datagram)

@@ -60,7 +60,6 @@ def drive(kind: str, rows: int, seed: int) -> Drive:
 def pressure(
     one: Drive, k: int, time_s: float, *, valid: Sequence[bool] = VALID, age_ms: float = 0.0, counter: int | None = None
 ) -> can.Message:
-    """The Pressure frame of row k."""
     values = Pressure(tuple(one.Cp[k] * PRESSURE), tuple(valid), True, round(age_ms * 1e6))
     return framed(SETS[one.kind].pressure, values, k if counter is None else counter, time_s)
 
@@ -80,7 +79,6 @@ def speed(kind: str, k: int, time_s: float, value: float | None, density: float 
 
 
 def framed(message: Message[Any], values: Any, counter: int, time_s: float) -> can.Message:
-    """Encoded and protected."""
     spec = message.spec
     state = SenderState(counter=counter % profile_of(spec).counter_period)
     frame = protected_frame(state, message.emit(values), spec=spec, now_ns=0)

@@ -79,7 +79,6 @@ def asc(
 
 
 def candump_l(messages: Sequence[can.Message], channel: str = "can0") -> Iterator[str]:
-    """Lines of `candump -L`."""
     for one in messages:
         number = f"{one.arbitration_id:08X}" if one.is_extended_id else f"{one.arbitration_id:03X}"
         data = bytes(one.data).hex().upper()

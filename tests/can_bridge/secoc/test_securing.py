@@ -26,7 +26,6 @@ KEY = Key(SECRET)
 
 
 def genuine(spec: MessageSpec, *, trip: int = 1, count: int = 0, content: int = 0x5A, by: Key = KEY) -> Frame:
-    """A frame as its sender makes it."""
     bare = protected_frame(SenderState(counter=count % 256), bytes([content] * spec.protected), spec=spec, now_ns=count)
     return secure(bare, spec, by, Freshness(trip=trip, count=count))
 

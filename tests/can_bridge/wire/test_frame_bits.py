@@ -27,7 +27,6 @@ def header(frame: Frame) -> str:
 
 
 def content(frame: Frame) -> str:
-    """Length code and data."""
     return f"{FD_LENGTHS.index(len(frame.data)):04b}" + "".join(f"{byte:08b}" for byte in frame.data)
 
 

@@ -28,7 +28,6 @@ class Adapter:
     port: str
 
     def write(self, content: bytes) -> None:
-        """Send all of it."""
         while content:
             content = content[os.write(self.fd, content) :]
 

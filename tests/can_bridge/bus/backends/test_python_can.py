@@ -46,8 +46,6 @@ def message(arbitration_id: Any, data: bytes = b"", **fields: Any) -> can.Messag
 
 
 class CausedError(can.CanOperationError):
-    """An error as python-can wraps what went wrong."""
-
     def __init__(self, cause: Exception) -> None:
         super().__init__("could not unpack received message")
         self.__cause__ = cause
