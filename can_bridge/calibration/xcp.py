@@ -5,7 +5,7 @@ from enum import IntEnum
 from hmac import compare_digest
 from typing import Final, Protocol, Self
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 
 MAX_CTO: Final = 8
 """Largest number of bytes in a command or an answer: the size of a classic frame, which also fits CAN FD."""

@@ -8,10 +8,9 @@ from dataclasses import replace
 from typing import Final
 
 from can_bridge.flashing import state
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing, Long, MediumError, RecordKind, Slot
 from can_bridge.flashing.checking import Fits, ImageCheck, Release, Rules, check
-from can_bridge.flashing.state import MOST_ATTEMPTS, SlotState, StoreState
+from can_bridge.flashing.state import MOST_ATTEMPTS, Level, SlotState, StoreState
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import KeyFileError
 from contract.release import key_list

@@ -16,9 +16,8 @@ from dataclasses import dataclass, fields
 from enum import Enum
 from typing import Any, Final
 
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot
-from can_bridge.flashing.state import SlotPhase
+from can_bridge.flashing.state import Level, SlotPhase
 from can_bridge.flashing.store import BootReason, Store
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import BusError

@@ -17,7 +17,6 @@ from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any, Final
 
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot
 from contract.printable import is_name
 from contract.release.manifest import FIRST_SECURITY_VERSION
@@ -31,6 +30,13 @@ _SLOT: Final = struct.Struct(">BBIII32s32s32sH")
 _REST: Final = struct.Struct(">BIBB")
 _CRC: Final = struct.Struct(">I")
 _NO_SLOT: Final = 0xFF
+
+
+class Level(IntEnum):
+    """A security level of diagnosis, with its own key; the value is the sub-function that requests the level's seed."""
+
+    PROGRAMMING = 0x01
+    CALIBRATION = 0x03
 
 
 class SlotPhase(IntEnum):

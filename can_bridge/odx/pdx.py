@@ -10,7 +10,7 @@ from string import Template
 from typing import Final, NamedTuple
 from xml.sax.saxutils import escape
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds import services
 from can_bridge.uds.fault_codes import CODES, J2012_FORMAT, Snapshot, in_letters

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.tester.asking import Asking
 from can_bridge.tester.messages import in_good_state, refusal_means
 from can_bridge.uds.services import Did, Nrc, Session

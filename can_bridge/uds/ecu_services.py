@@ -9,10 +9,9 @@ from collections.abc import Callable, Mapping
 from itertools import repeat
 from typing import Final
 
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Long
 from can_bridge.flashing.report import encode, report_of
-from can_bridge.flashing.state import SlotPhase
+from can_bridge.flashing.state import Level, SlotPhase
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.calibration_service import DIDS, CalibrationService, as_refusals

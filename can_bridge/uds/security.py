@@ -13,7 +13,7 @@ from hmac import compare_digest
 from pathlib import Path
 from typing import Final, Self
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.secoc.key import Key, read_secret
 from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.services import Nrc, Refused

@@ -9,8 +9,8 @@ service has the service's name.
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Long
+from can_bridge.flashing.state import Level
 from can_bridge.uds import services
 from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.fault_codes import CODE_BYTES

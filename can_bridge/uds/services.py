@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from contract.controller.calibration import PACKED_BYTES
 
 P2_MS: Final = 50

@@ -13,7 +13,7 @@ import pytest
 from can_bridge.calibration.a2l import a2l_text
 from can_bridge.calibration.daq import measured_bytes
 from can_bridge.calibration.segment import ADDRESS
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.vehicle import BusConfig
 from tests.can_bridge.calibration.conftest import REFERENCE

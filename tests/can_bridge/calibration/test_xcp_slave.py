@@ -12,7 +12,7 @@ import pytest
 from can_bridge.calibration.daq import measured_bytes
 from can_bridge.calibration.xcp import Command
 from can_bridge.calibration.xcp_slave import IDLE_NS, XcpSlave
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.uds.security import AccessKey
 from can_bridge.wire.messages import Mode, Reason
 from tests.can_bridge.calibration.conftest import REFERENCE, changed

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterator
 from hashlib import sha256
 
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing, Long
+from can_bridge.flashing.state import Level
 from can_bridge.flashing.store import Boot
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.calibration_service import CalibrationService

@@ -3,9 +3,8 @@ import zlib
 from dataclasses import replace
 
 from can_bridge.flashing import state
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import MAX_RECORD, Slot
-from can_bridge.flashing.state import SlotPhase, SlotState, StoreState
+from can_bridge.flashing.state import Level, SlotPhase, SlotState, StoreState
 from contract.printable import MAX_NAME
 from tests.refused import refused
 

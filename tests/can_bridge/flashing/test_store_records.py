@@ -5,9 +5,8 @@ import hashlib
 import pytest
 
 from can_bridge.flashing import remembered
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import MAX_RECORD, MediumError, Slot, at_once
-from can_bridge.flashing.state import SlotPhase
+from can_bridge.flashing.state import Level, SlotPhase
 from can_bridge.flashing.store import OutOfOrderError, Store
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError, KeyFileError

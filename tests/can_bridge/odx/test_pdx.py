@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.odx.pdx import pdx
 from can_bridge.odx.seed_and_key import seed_and_key

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Long
+from can_bridge.flashing.state import Level
 from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.server import UdsServer

@@ -8,9 +8,8 @@ hostile requests, and that a self-test comes before a confirmation, in `tests/pr
 import pytest
 
 from can_bridge.calibration.segment import Page, Segment
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import MediumError, RecordKind
-from can_bridge.flashing.state import SlotPhase
+from can_bridge.flashing.state import Level, SlotPhase
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.calibration_service import CalibrationService
 from can_bridge.uds.services import Did, Nrc, Refused

@@ -7,7 +7,7 @@ import pytest
 from cryptography.hazmat.primitives.ciphers.algorithms import AES
 from cryptography.hazmat.primitives.cmac import CMAC
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.uds.services import Nrc, Session
 from tests.can_bridge.uds.scripted_ecu import MS, Bench, S, ScriptedEcu, refused
 

@@ -7,7 +7,7 @@ import itertools
 
 import pytest
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.uds.services import LONGEST_ANSWER, MAX_BLOCK, Did, Nrc, Routine, Service, Session
 from tests.can_bridge.uds.scripted_ecu import MS, Bench, S, refused
 
