@@ -121,7 +121,8 @@ class CalibrationLink:
         self._is_fd, self._response = config.bus.frames == "fd", diagnosis.xcp_response
         self._xcp: XcpSlave | None = None
         if diagnosis.xcp:
-            self._xcp = XcpSlave(self._segment, equipment.access, equipment.random_bytes, period_ns=config.period_ns)
+            answer = equipment.access.answer
+            self._xcp = XcpSlave(self._segment, answer, equipment.random_bytes, period_ns=config.period_ns)
         self._waiting = list[bytes]()
         self.is_sending = False
         self.service = CalibrationService(

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from can_bridge.calibration import daq, xcp, xcp_slave
 from can_bridge.calibration.segment import ADDRESS
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.isotp import endpoint
 from can_bridge.uds import fault_codes, fault_memory, security, server, services
 from can_bridge.uds.fault_memory import FaultReport

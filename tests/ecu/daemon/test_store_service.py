@@ -9,10 +9,10 @@ from threading import Event
 import pytest
 
 from can_bridge.bus.backends.python_can import PythonCanBus
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import MediumError, RecordKind
 from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.flashing.report import decode
+from can_bridge.flashing.state import Level
 from can_bridge.flashing.store import BootReason
 from can_bridge.isotp.endpoint import Endpoint, IsoTpSettings
 from can_bridge.wire.frame import Frame

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from can_bridge.calibration.segment import ADDRESS
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import MediumError
+from can_bridge.flashing.state import Level
 from can_bridge.flashing.store import Store
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode

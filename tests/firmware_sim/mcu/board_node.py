@@ -6,7 +6,7 @@ from typing import Any
 
 from udsoncan.client import Client
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.tester.asking import Asking
 from can_bridge.tester.sequence import End, Flashed

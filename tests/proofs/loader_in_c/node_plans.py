@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator, Sequence
 from random import Random
 from typing import Any, Final
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.uds.fault_codes import CODES
 from can_bridge.uds.fault_memory import LENGTHS, FaultReport
 from can_bridge.uds.services import MAX_BLOCK, Did, Routine, Service, Session

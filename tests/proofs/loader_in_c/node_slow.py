@@ -6,7 +6,7 @@ from functools import partial
 from typing import Final
 
 from can_bridge.e2e.sender import E2eSender
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.isotp import control_info
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.wire.frame import Frame

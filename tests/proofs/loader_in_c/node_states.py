@@ -17,8 +17,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.state import SlotPhase
+from can_bridge.flashing.state import Level, SlotPhase
 from can_bridge.uds.services import Did, Routine, Service
 from contract.errors import StillwakeError
 from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, report

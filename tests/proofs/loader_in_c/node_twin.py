@@ -37,7 +37,7 @@ from ecu.flashable.flashable_ecu import FlashableEcu
 from ecu.flashable.vehicle_fit import self_test
 from tests.can_bridge.flashing.plain_backing import PlainBacking
 from tests.can_bridge.flashing.releases import HARDWARE, RELEASE, ROOT, SECOND, STRANGER, keys, provision
-from tests.can_bridge.flashing.store_ecu import KEY, SECRET, Counted
+from tests.can_bridge.flashing.store_ecu import KEY, SECRET, counted
 from tests.ecu.conftest import RecordingController
 from tests.proofs.ecu.hostile_world import small_bundle
 from tests.proofs.ecu_in_c.variants import KEY as BUS_KEY
@@ -211,7 +211,7 @@ class Twins:
         self._authentication = Authentication(key=BUS_KEY) if of.config.bus.key else None
         self._freshness = Freshness(trip=1)
         self.python = FlashableEcu(self.backing, of.config, equipment, authentication=self._authentication)
-        _living[:], self.fails, seeds = [self], 0, Counted()
+        _living[:], self.fails, seeds = [self], 0, counted()
         self._waits_for_control, self.reset_ns = False, 0
         self._pressures = E2eSender(message_set(of.config.bus).pressure.spec)
         self.now_ns, self.due_ns = MS, MS

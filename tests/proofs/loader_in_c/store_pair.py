@@ -9,8 +9,8 @@ from functools import partial
 from typing import Any, Final
 
 from can_bridge.flashing import checking, report, state
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import MAX_RECORD, Long, MediumError, RecordKind, Slot, at_once
+from can_bridge.flashing.state import Level
 from can_bridge.flashing.store import OutOfOrderError, Store
 from contract.errors import ConfigError, KeyFileError
 from contract.release.signing import public_key

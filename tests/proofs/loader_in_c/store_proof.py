@@ -14,8 +14,8 @@ from typing import Any, Final
 
 from benchmarks.common.command_line import track
 from can_bridge.flashing import checking
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import RecordKind, Slot
+from can_bridge.flashing.state import Level
 from can_bridge.flashing.verdicts import Verdict
 from contract.release import key_list, signing
 from contract.release.signing import public_key

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from random import Random
 from typing import Final
 
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import RecordKind, Slot
-from can_bridge.flashing.state import SlotPhase
+from can_bridge.flashing.state import Level, SlotPhase
 from can_bridge.flashing.verdicts import Verdict
 from tests.can_bridge.flashing.releases import RELEASE, ROOT, SECOND, STRANGER, keys
 from tests.proofs.loader_in_c.store_library import GOOD, LONG, NEVER, SLOT_BYTES, WRONG, Library

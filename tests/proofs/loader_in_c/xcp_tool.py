@@ -8,7 +8,7 @@ from can_bridge.calibration.daq import MEASURED_ADDRESS, MEASURED_BYTES
 from can_bridge.calibration.segment import ADDRESS
 from can_bridge.calibration.xcp import Command
 from can_bridge.calibration.xcp_slave import IDLE_NS
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 from contract.config.diagnosis import CanId
 from contract.config.vehicle import BusConfig
