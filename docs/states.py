@@ -14,7 +14,7 @@ from contract.config.vehicle import EcuConfig
 from docs.site import source
 from docs.table import table
 from ecu import fail_safe
-from ecu.fail_safe import DRIVES_JETS, TRANSITIONS, OperatingMode
+from ecu.fail_safe import TRANSITIONS, OperatingMode
 
 PICTURE: Final = Path(__file__).with_name("states.svg")
 
@@ -80,7 +80,7 @@ LINES: Final = (
 def states() -> str:
     """Return a line of the page for each state."""
     return "\n".join(
-        f"- {mode.name} ({mode.on_wire.name}, jets {'may run' if mode in DRIVES_JETS else 'shut'}): {text}"
+        f"- {mode.name} ({mode.on_wire.name}, jets {'may run' if mode.drives_jets else 'shut'}): {text}"
         for mode, text in _meanings().items()
     )
 

@@ -128,11 +128,11 @@ class VirtualLoop(NeverCopied):
     def reset_ecu(self, boot_ns: int) -> None:
         """Make the ECU lose its state at the bus's present time and start again after `boot_ns`. Until then it receives
         nothing. Freshness values (in non-volatile memory) and the CAN controller's counts are kept."""
-        state, rejected = self._ecu.state, self._ecu.frames_rejected
+        state = self._ecu.state
         speed = replace(self._power_on.speed, verifier=state.speed.verifier)
         fresh = replace(self._power_on, verifier=state.verifier, speed=speed, freshness=state.freshness)
         self._ecu.restore(replace(fresh, health=state.health))
-        self._rejected += rejected - self._ecu.frames_rejected
+        self._rejected += state.frames_rejected - self._ecu.state.frames_rejected
         self._pressures_came()
         self._newest.clear()
         self._inbox, self._boots, self._busy_until_ns = [], self._boots + 1, 0
@@ -150,7 +150,7 @@ class VirtualLoop(NeverCopied):
     def totals(self) -> BusTotals:
         """Return the frame counts so far; a frame that is still being transmitted does not count as lost."""
         sent = self._node.frames_sent + self._commands_sent
-        rejected = self._rejected + self._ecu.frames_rejected + self._node.frames_rejected
+        rejected = self._rejected + self._ecu.state.frames_rejected + self._node.frames_rejected
         under_way = sum(self._bus.under_way(spec.frame_id) for spec in (self._pressure, self._command))
         return BusTotals(sent=sent, lost=max(sent - self._arrived - under_way, 0), rejected=rejected)
 
