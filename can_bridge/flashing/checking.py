@@ -2,13 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import BundleDbcError, BundleError, BundleSignatureError, BundleSignerError
 from contract.release import controller_image, signing
-from contract.release.bundle import verified
-from contract.release.checks import SIGNATURE, Bundle, dbc_sha256
+from contract.release.checks import SIGNATURE, Bundle, dbc_sha256, read_checked
 from contract.release.container import files_of
 from contract.release.controller_image import ControllerImage
 from contract.release.key_list import KeyList
@@ -49,7 +49,7 @@ def check(image: bytes, rules: Rules) -> tuple[Verdict, Bundle | None]:
     files = {}
     try:
         files = files_of(image)
-        bundle = verified("image", files, frozenset() if rules.keys is None else rules.keys.keys)
+        bundle = read_checked(Path("image"), files, frozenset() if rules.keys is None else rules.keys.keys)
     except BundleSignerError:
         signature = files.get(SIGNATURE)
         signer = None if signature is None else signing.signer(signature, files[MANIFEST])
@@ -99,7 +99,7 @@ def fits_as(image: bytes) -> Fits:
     own = image[controller_image.VEHICLE]
 
     def fits(found: ControllerImage) -> Verdict:
-        other = found.vehicle
+        other = found.facts.vehicle
         if other[:8] != own[:8]:
             return Verdict.WRONG_PERIOD
         return Verdict.GOOD if other == own else Verdict.WRONG_VEHICLE
