@@ -1,6 +1,7 @@
 """A writer and a reader of OpenFOAM's files: dictionaries, lists, a plane mesh as `polyMesh`, and icoFoam's fields."""
 
 import re
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -135,10 +136,30 @@ def scaled(content: bytes, factor: float) -> bytes:
     return b"".join([*parts, content[done:]])
 
 
+FIELDS: Final = ("U", "p", "phi", "U_0", "phi_0")
+"""The files of velocity, pressure and the flux through every face; U_0 and phi_0 are U and phi of the step before."""
+_END: Final = re.compile(rb"\n// \*{60,} //\s*$")
+"""The divider at the end of every file that icoFoam has written completely."""
+
+
 def latest(folder: Path) -> Path | None:
-    """Return the folder of the latest time after 0 for which a pressure is stored; None if there is no such time."""
-    times = [
-        (float(item.name), item) for item in folder.iterdir() if _TIME.fullmatch(item.name) and (item / "p").is_file()
-    ]
-    later = [item for item in times if item[0] > 0]
-    return max(later)[1] if later else None
+    """Return the folder of the latest time after 0 whose `FIELDS` are complete; None if there is no such time."""
+    complete = [time for time in _times_after_0(folder) if _is_complete(time)]
+    return max(complete, key=lambda time: float(time.name), default=None)
+
+
+def remove_incomplete(folder: Path) -> None:
+    """Remove the folders of times after 0 with incomplete `FIELDS`. A killed icoFoam leaves such a folder, and would
+    continue from it."""
+    for time in _times_after_0(folder):
+        if not _is_complete(time):
+            shutil.rmtree(time)
+
+
+def _times_after_0(folder: Path) -> list[Path]:
+    return [item for item in folder.iterdir() if _TIME.fullmatch(item.name) and float(item.name) > 0]
+
+
+def _is_complete(time: Path) -> bool:
+    files = [time / name for name in FIELDS]
+    return all(file.is_file() and _END.search(file.read_bytes()[-200:]) for file in files)

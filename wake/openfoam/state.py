@@ -28,10 +28,7 @@ from wake.truck.develop import at_points
 from wake.truck.state import State, developed_state
 
 STATE_SCHEMA: Final = "stillwake-openfoam/1"
-
-# The files of velocity, pressure and the flux through every face; U_0 and phi_0 are U and phi of the step before.
-_FIELDS: Final = ("U", "p", "phi", "U_0", "phi_0")
-_POWERS: Final = dict.fromkeys(_FIELDS, 1) | {"p": 2}
+_POWERS: Final = dict.fromkeys(foam_files.FIELDS, 1) | {"p": 2}
 """The exponent n for each field; the field is proportional to the velocity's n-th power."""
 
 
@@ -80,7 +77,7 @@ def scaled(state: FoamState, ratio: float) -> FoamState:
 def read_fields(folder: Path) -> dict[str, bytes]:
     """Read the field files of one time of a case. Raises PlantError if a file is missing."""
     try:
-        return {name: (folder / name).read_bytes() for name in _FIELDS}
+        return {name: (folder / name).read_bytes() for name in foam_files.FIELDS}
     except OSError as error:
         raise PlantError(f"{folder} is not a state of icoFoam ({error})") from error
 
@@ -124,7 +121,7 @@ def load(path: Path) -> tuple[FoamState, str]:
         if about["schema"] != STATE_SCHEMA:
             raise PlantError(f"{path} has schema {about['schema']!r}, but this version reads {STATE_SCHEMA!r}")
         state = FoamState(
-            files={name: data[name].tobytes() for name in _FIELDS},
+            files={name: data[name].tobytes() for name in foam_files.FIELDS},
             dt=float(about["dt"]),
             readings=Readings(forces=data["forces"], pressures=data["pressures"], wake=data["wake"]),
             action=float(about["action"]),
@@ -160,13 +157,14 @@ def require_truck(body: BodyConfig) -> None:
 
 def _settle(folder: Path, mesh: Mesh, config: FlowConfig, foam: OpenFoamConfig, progress: _Progress) -> None:
     """Run the case in `folder` without jets until `foam.develop_time`, a whole number of control periods. If the case
-    has a checkpoint, continue from the last checkpoint."""
+    has complete checkpoints, continue from the last of them."""
     until, substeps = foam.develop_time, foam.develop_substeps
     if not (folder / "0" / "p").is_file():
         shutil.rmtree(folder, ignore_errors=True)
         case.write_mesh(folder, mesh)
         case.write_rest(folder, mesh)
         case.write_start(folder, *from_own_solver(developed_state(), mesh))
+    foam_files.remove_incomplete(folder)
     latest = foam_files.latest(folder)
     if latest is not None and float(latest.name) > until - 0.5 * config.control_period:
         progress(until, until)
