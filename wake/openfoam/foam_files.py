@@ -33,24 +33,16 @@ def vectors(xy: Array) -> str:
     return numbers([f"({x:.17g} {y:.17g} 0)" for x, y in xy])
 
 
-def scalars(values: Array) -> str:
-    """Return the text of a list of n numbers, (n,)."""
-    return numbers([f"{value:.17g}" for value in values])
-
-
 def numbers(items: Sequence[str]) -> str:
     """Return the text of a list: its length, then its items."""
     return "\n".join([str(len(items)), "(", *items, ")"])
 
 
 def _entries(entries: Mapping[str, Any], indent: str) -> str:
-    lines = []
-    for key, value in entries.items():
-        if isinstance(value, Mapping):
-            lines.append(block(key, value, indent))
-        else:
-            lines.append(f"{indent}{key} {_value(value)};\n")
-    return "".join(lines)
+    return "".join(
+        block(key, value, indent) if isinstance(value, Mapping) else f"{indent}{key} {_value(value)};\n"
+        for key, value in entries.items()
+    )
 
 
 def _value(value: Any) -> str:
@@ -64,7 +56,6 @@ def _value(value: Any) -> str:
 
 
 PLANES: Final = "planes"
-_PATCH_KINDS: Final = {"truck": "wall"}
 
 
 def write_poly_mesh(mesh: Mesh, folder: Path) -> None:
@@ -78,7 +69,7 @@ def write_poly_mesh(mesh: Mesh, folder: Path) -> None:
     owner = np.concatenate([mesh.owner, *(mesh.patch_cells[name] for name in PATCHES), np.arange(m), np.arange(m)])
     starts = len(mesh.edges) + np.cumsum([0, *sizes])
     entries = [
-        block(name, {"type": _PATCH_KINDS.get(name, "patch"), "nFaces": size, "startFace": start})
+        block(name, {"type": "wall" if name == "truck" else "patch", "nFaces": size, "startFace": start})
         for name, size, start in zip(PATCHES, sizes, starts[:-1], strict=True)
     ]
     entries.append(block(PLANES, {"type": "empty", "nFaces": 2 * m, "startFace": starts[-1]}))
@@ -120,8 +111,7 @@ _VALUES: Final = re.compile(
 
 
 def scaled(content: bytes, factor: float) -> bytes:
-    """Multiply all values of a field by `factor`, in cells and on patches. `content` is the field's binary file with
-    64-bit numbers. Returns the new file."""
+    """Multiply all values of a field by `factor`, in cells and on patches, in its binary file of 64-bit numbers."""
     parts, done = list[bytes](), 0
     while found := _VALUES.search(content, done):
         if found["type"]:
