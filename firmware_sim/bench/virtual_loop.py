@@ -45,10 +45,8 @@ from wake.plant.sample import Sample
 def check_bit_rates(config: Config) -> None:
     """Raise BusError if a pressure frame takes a whole control period or longer."""
     if (takes_ns := _pressure_frame_ns(config)) >= config.period_ns:
-        raise BusError(
-            f"a pressure frame takes {takes_ns / 1e6:g} ms, but a control period only {config.period_ns / 1e6:g} ms: "
-            "raise bus.nominal_bitrate or bus.data_bitrate"
-        )
+        times = f"{takes_ns / 1e6:g} ms, but a control period only {config.period_ns / 1e6:g} ms"
+        raise BusError(f"a pressure frame takes {times}: raise bus.nominal_bitrate or bus.data_bitrate")
 
 
 def _pressure_frame_ns(config: Config) -> int:
@@ -59,18 +57,10 @@ def _pressure_frame_ns(config: Config) -> int:
 
 class VirtualLoop(NeverCopied):
     """The closed loop, which runs control periods one by one. A pressure frame must be shorter than a control period
-    (`check_bit_rates`).
-
-    Args:
-        plant: the flow, at the start of a control period.
-        bus: the bus, at time 0; the loop advances its time.
-        at_vehicle, at_ecu: the nodes' ports of this bus, or wrappers around these ports.
-        ecu_clock: function from a time of the run to the time on the ECU's clock, in ns.
-
-    Attributes:
-        planned_ns: computing times in ns of all steps so far in which the controller planned.
-        now_ns: start time of the next period.
-    """
+    (`check_bit_rates`). The plant must be at the start of a control period. The bus must be at time 0, and the loop
+    advances it; the nodes' ports may have wrappers. `ecu_clock` converts a time of the run to the time on the ECU's
+    clock, in ns. `planned_ns` has the computing times in ns of all steps so far in which the controller planned;
+    `now_ns` is the start of the next period."""
 
     INSTEAD: ClassVar = "bus and nodes call each other; repeat the run, which gives the same result bit for bit"
 
