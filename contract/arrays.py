@@ -7,16 +7,12 @@ import numpy.typing as npt
 
 Array: TypeAlias = npt.NDArray[np.float64]
 """Array of numbers in double precision."""
-
 Precision: TypeAlias = npt.DTypeLike
 """Type of the numbers in a computation: np.float64, or np.float32 for flows simulated to train a controller."""
-
 Index: TypeAlias = npt.NDArray[np.intp]
 """Array of positions in another array, such as the result of `np.argsort`."""
-
 Mask: TypeAlias = npt.NDArray[np.bool_]
 """Array of flags that selects entries of another array."""
-
 MOST_VALUES: Final = 2**27
 """Largest number of values in a file of unknown origin: 1 GiB in double precision. This is enough for 90 sensors over
 eight hours with 50 rows per second. A file with more values is refused before it is read."""

@@ -12,8 +12,6 @@ from typing import Final
 
 from contract.errors import StillwakeError
 
-_STREAMS = (1, 2)
-"""File descriptors of standard output and standard error."""
 _LEFT: Final = re.compile(r"\..+\.(lock|\d+\.(part|old))", re.DOTALL)
 
 
@@ -32,10 +30,9 @@ def leads_to(path: Path) -> Path:
 
 
 def check_writable(path: Path, *, folder: bool = False) -> None:
-    """Check before a computation that its result can be written to `path`; `folder` states that the result is a folder.
-    A test file is created in the nearest existing folder and removed. Raises StillwakeError if `path` is a folder but
-    the result is a file, or the reverse; if `path` ends in `..` or is a device; if this process prints to `path`; if
-    the file has another hard link, which would keep the old content; or if `path` is not writable."""
+    """Check before a computation that its result, a file or a `folder`, can be written to `path`. A test file is
+    created in the nearest existing folder and removed. Raises StillwakeError if `path` is of the other kind, ends in
+    `..`, is a device, is printed to by this process, has another hard link with the old content, or is not writable."""
     if not folder and path.is_dir():
         raise StillwakeError(f"cannot write {path}: it is a directory, must be a file")
     if folder and path.is_file():
@@ -44,7 +41,19 @@ def check_writable(path: Path, *, folder: bool = False) -> None:
         raise StillwakeError(f"cannot write {path}: name a new folder in this directory")
     place = leads_to(path)
     if path.exists() and not path.is_dir():
-        _check_file(path, path.stat())
+        there = path.stat()
+        if not stat.S_ISREG(there.st_mode):
+            # Writing would replace a device, such as /dev/null, by a file.
+            raise StillwakeError(f"cannot write {path}: it is neither a file nor a directory")
+        if there.st_nlink > 1:
+            raise StillwakeError(
+                f"cannot write {path}: the file has {there.st_nlink} names (hard links), and the other names would "
+                "keep the old content; remove the other names, or name another file"
+            )
+        for stream in (1, 2):  # standard output and standard error
+            with suppress(OSError):
+                if os.path.samestat(there, os.fstat(stream)):
+                    raise StillwakeError(f"cannot write {path}: this command prints to it; name another file")
     nearest = next(folder for folder in place.parents if os.path.lexists(folder))
     trial = nearest / _temporary(place, "part").name
     try:
@@ -54,31 +63,13 @@ def check_writable(path: Path, *, folder: bool = False) -> None:
         raise StillwakeError(f"cannot write {path}: {error.strerror or error}") from error
 
 
-def _check_file(path: Path, there: os.stat_result) -> None:
-    if not stat.S_ISREG(there.st_mode):
-        # Writing would replace a device, such as /dev/null, by a file.
-        raise StillwakeError(f"cannot write {path}: it is neither a file nor a directory")
-    if there.st_nlink > 1:
-        raise StillwakeError(
-            f"cannot write {path}: the file has {there.st_nlink} names (hard links), and the other names would keep "
-            "the old content; remove the other names, or name another file"
-        )
-    for stream in _STREAMS:
-        with suppress(OSError):
-            if os.path.samestat(there, os.fstat(stream)):
-                raise StillwakeError(f"cannot write {path}: this command prints to it; name another file")
-
-
 @contextmanager
 def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
-    """Yield a temporary path in the target's folder. The `with` block writes a file or a directory at this path. If the
-    block succeeds, this file or directory replaces the target; otherwise the file or directory is removed.
-
-    The target is the path to which all links in `path` lead; the links remain. The new content gets the permissions of
-    the old content. An old directory remains until the new directory has replaced it. With `keep`, no directory is
-    replaced: the new files are moved into the old directory, whose other files remain. Missing parent folders are
-    created, and removed again if the block fails. Raises StillwakeError if the target cannot be written.
-    """
+    """Yield a temporary path, at which the `with` block writes a file or a directory. If the block succeeds, this file
+    or directory replaces the target, to which all links in `path` lead; otherwise it is removed. The new content gets
+    the permissions of the old content. An old directory remains until the new directory has replaced it. With `keep`,
+    the new files are moved into the old directory, whose other files remain. Missing parent folders are created, and
+    removed again if the block fails. Raises StillwakeError if the target cannot be written."""
     place = leads_to(path)
     temporary, aside = _temporary(place, "part"), _temporary(place, "old")
     missing: list[Path] = []
@@ -109,12 +100,10 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
         raise
     finally:
         for leftover in (temporary, aside):
-            if leftover.is_dir():
-                shutil.rmtree(leftover, ignore_errors=True)
-            else:
-                # The leftover may not exist. An error here must not replace the error that is being raised.
-                with suppress(OSError):
-                    leftover.unlink()
+            # `rmtree` removes a folder, `unlink` a file. An error here must not replace the error that is being raised.
+            shutil.rmtree(leftover, ignore_errors=True)
+            with suppress(OSError):
+                leftover.unlink()
         # `rmdir` fails for a folder that is not empty; such a folder remains.
         with suppress(OSError):
             for folder in missing:
@@ -122,8 +111,7 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
 
 
 def _take_after(new: Path, old: Path) -> None:
-    """Give the new file the mode and, if possible, the owner of the old file. In a folder, do the same for each new
-    file that has the name of an old file."""
+    """Give the new file the mode and, if possible, the owner of the old file; in a folder, do so for each old name."""
     if new.is_symlink() or old.is_symlink() or not old.exists() or old.is_dir() != new.is_dir():
         return
     for item in new.iterdir() if new.is_dir() else ():

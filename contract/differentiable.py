@@ -8,15 +8,9 @@ from contract.arrays import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Seen:
-    """The values of a sample that training reads, made dimensionless with the present speed.
-
-    The argument of `back` has the same form, but has the derivative of a scalar with respect to each of these values.
-
-    Attributes:
-        Cp: pressure coefficients of p mirrored pairs of sensors, (2 p,). The two sensors of a pair are adjacent.
-        Cd, Cl: drag and lift coefficients of the body.
-        Uy: transverse velocity at the wake probe, divided by the present speed.
-    """
+    """The values of a sample that training reads, made dimensionless with the present speed. `Cp` (2 p,) has p mirrored
+    pairs of sensors, pair by pair. `Uy` is the transverse velocity at the wake probe. The argument of `back` has the
+    derivatives of a scalar with respect to these values."""
 
     Cp: Array
     Cd: float
@@ -31,8 +25,7 @@ class Seen:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlowState:
-    """A flow at the beginning of a control period: its state in one vector, and the action of the jets at that time.
-    Both are made dimensionless with the design speed, not with the present speed."""
+    """The flow's state in one vector, and the jets' action, both made dimensionless with the design speed."""
 
     flat: Array
     action: float = 0.0
@@ -42,12 +35,8 @@ class DifferentiableFlow(Protocol):
     """A plant that records its steps on a tape (`wake.truck.tape.Tape`) for reverse-mode differentiation."""
 
     def begin(self, state: FlowState, speeds: Array) -> Seen:
-        """Start a run of n periods from a state, with an empty tape.
-
-        Args:
-            speeds: speeds as ratios to the design speed, (n + 1,): the speed at the start, then the speed at the sample
-                of each period. Between samples the speed is linear in time.
-        """
+        """Start a run of n periods from a state, with an empty tape. `speeds` (n + 1,) has the ratios to the design
+        speed at the start and at the sample of each period; between samples the speed is linear in time."""
 
     def advance(self, action: float) -> Seen:
         """Advance by a control period, in which the jets move to `action`, and record the period on the tape. Raises

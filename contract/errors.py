@@ -4,17 +4,16 @@ from typing import ClassVar
 
 
 def install(extra: str) -> str:
-    """Return the pip command that installs an extra and the data that the extra's commands need. The command installs
-    from a checkout because no package index has stillwake."""
+    """Return the pip command that installs an extra, and the data that it needs, from a checkout; no index has them."""
     data = " ./data" if extra in ("sim", "c", "train") else ""
     return f"pip install '.[{extra}]'{data} in a checkout of stillwake"
 
 
 class StillwakeError(Exception):
-    """An error that the user can correct. The message states the offending value and the values that are allowed.
-    `status` is the exit status of a command that ends with this error."""
+    """An error that the user can correct. The message states the offending value and the values that are allowed."""
 
     status: ClassVar[int] = 1
+    """Exit status of a command that ends with this error."""
 
 
 class ConfigError(StillwakeError):
@@ -64,8 +63,7 @@ class BundleDbcError(BundleFileError):
 
 
 class BundleControllerError(BundleError):
-    """A `controller.onnx` or `sensors.onnx` that cannot be used: the graph has forbidden content, has wrong inputs or
-    outputs, fails, or is too slow."""
+    """A `controller.onnx` or `sensors.onnx` with forbidden content or wrong inputs or outputs, or that fails."""
 
 
 class BundleSignatureError(BundleError):

@@ -1,8 +1,7 @@
 """The drag ledger: the streamwise forces that the jets change, the lift, and the power of the jets.
 
 A drag reduction must be compared with its cost. The controller reduces the drag force on the wall. The ledger also has
-the forces on the slot faces, the reaction to the jets' momentum and the jets' power. `Cd_net` is the sum of the
-ledger's streamwise forces.
+the forces on the slot faces, the reaction to the jets' momentum and the jets' power.
 """
 
 from collections.abc import Mapping
@@ -17,14 +16,9 @@ Value = TypeVar("Value", float, Array)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DragLedger(Generic[Value]):
-    """The forces in units of rho U_inf^2 W / 2, at one instant or as time series.
-
-    Attributes:
-        Cd, Cl: drag and lift force on the wall without the slot faces.
-        Cd_slot_pressure, Cd_slot_viscous: pressure force and viscous force on the slot faces.
-        Cd_momentum: reaction to the jets' momentum flux, negative for thrust.
-        jet_power: power that the jets transfer to the flow, in units of rho U_inf^3 W / 2.
-    """
+    """The forces in units of rho U_inf^2 W / 2, at one instant or as time series. `Cd` and `Cl` act on the wall without
+    the slot faces, on which the slot forces act. `Cd_momentum` is the reaction to the jets' momentum flux, negative for
+    thrust. `jet_power` is the power that the jets transfer to the flow, in units of rho U_inf^3 W / 2."""
 
     Cd: Value
     Cl: Value

@@ -5,8 +5,6 @@ from typing import Final
 MAX_NAME: Final = 100
 """Largest number of characters in the name of a release, a sensor or a file, so that it fits into one line."""
 MAX_SHOWN: Final = 200
-LARGEST: Final = 2**63
-"""Smallest positive integer that does not fit into an array of signed 64-bit integers."""
 
 
 def is_name(text: str) -> bool:
@@ -22,8 +20,7 @@ def shown(value: object, most: int = MAX_SHOWN) -> str:
 
 
 def quoted(value: object, most: int = MAX_SHOWN) -> str:
-    """Format a value as Python's `repr` does, for a one-line message. Very large integers are described in words,
-    because Python refuses to format an integer of 5,000 digits."""
-    if isinstance(value, int) and abs(value) >= LARGEST:
+    """Format a value as `repr` does, for a one-line message. Python refuses to format an integer of 5,000 digits."""
+    if isinstance(value, int) and abs(value) >= 2**63:
         return "a number of more than 18 digits"
     return shown(repr(value), most)

@@ -13,8 +13,7 @@ from typing import Any
 
 from contract.atomic import replacing
 
-_version = cache(version)
-"""A look-up of a package's version. It is cached, because parsing the metadata takes milliseconds."""
+_version = cache(version)  # parsing the metadata takes milliseconds
 
 
 def write_result(path: Path, *, figures: Any, facts: Mapping[str, Any], on: date) -> None:

@@ -1,5 +1,4 @@
-"""The layout of the wall-pressure sensors in a data set or on a plant: names, positions, mirror images, and which
-sensors are on the base. The truck's 90 sensors are `contract.sensors.TRUCK`."""
+"""The layout of wall-pressure sensors: names, positions, mirror images, and which sensors are on the base."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,16 +20,13 @@ MAX_SENSORS: Final = 1_000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorLayout:
-    """The n sensors of a layout, in the order of a Cp array's columns.
+    """The n sensors of a layout, in the order of a Cp array's columns. Raises ConfigError for a contradictory layout.
 
     Attributes:
-        names: names of the sensors, all different, (n,).
         positions: positions (x, y) in the body's reference length W, x along the flow, y across it, (n, 2).
         base: columns of the sensors on the base; may be empty. The base pressure is the mean over these columns.
         mirror: column of each sensor's mirror image, (n,). In the mirrored flow (y -> -y) the readings are Cp[mirror].
             None if the sensors have no mirror images or the body is not symmetric.
-
-    Raises ConfigError for a contradictory layout.
     """
 
     names: tuple[str, ...]
@@ -57,8 +53,10 @@ class SensorLayout:
             raise ConfigError(f"sensors {one} and {other} have the same position: leave one of them out")
         if self.base.ndim != 1 or not ((self.base >= 0) & (self.base < count)).all():
             raise ConfigError(f"base sensors {self.base.tolist()}: must be a list of columns from 0 to {count - 1}")
-        if self.mirror is not None and not _is_involution(self.mirror, count):
-            raise ConfigError("mirror images of the sensors: the image of each image must be the sensor itself")
+        if self.mirror is not None:
+            own_inverse = np.argsort(self.mirror, axis=None)
+            if self.mirror.shape != (count,) or not np.array_equal(self.mirror, own_inverse):
+                raise ConfigError("mirror images of the sensors: the image of each image must be the sensor itself")
 
     def __len__(self) -> int:
         return len(self.names)
@@ -67,8 +65,7 @@ class SensorLayout:
     def of(
         cls, names: Sequence[str], positions: Array, *, base: Sequence[int] = (), symmetric: bool = True
     ) -> "SensorLayout":
-        """Build a layout. The mirror images are found from the positions, if every sensor has a mirror image.
-        `symmetric` states whether body and jets are symmetric about y = 0."""
+        """Build a layout. If body and jets are `symmetric` about y = 0, the mirror images are found, if they exist."""
         positions = np.asarray(positions, dtype=np.float64)
         return cls(
             names=tuple(names),
@@ -112,11 +109,6 @@ class SensorLayout:
         if self.mirror is None or other.mirror is None:
             return None if self.mirror is other.mirror else "the mirror images"
         return None if np.array_equal(self.mirror, other.mirror) else "the mirror images"
-
-
-def _is_involution(mirror: Index, count: int) -> bool:
-    inside = mirror.shape == (count,) and bool(((mirror >= 0) & (mirror < count)).all())
-    return inside and np.array_equal(mirror[mirror], np.arange(count))
 
 
 def _mirror(positions: Array) -> Index | None:

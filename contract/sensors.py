@@ -13,16 +13,13 @@ from contract.arrays import Array
 from contract.geometry import HALF_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 from contract.sensor_layout import SensorLayout
 
-PER_SIDE: Final = 40
-ON_BASE: Final = 10
-COUNT: Final = 2 * PER_SIDE + ON_BASE
-
 # The paper gives 0.204555 here, but 0.204545 for the mirror image.
 _BASE_Y: Final = (
     0.368182, 0.286364, 0.204555, 0.122727, 0.040909,
     -0.040909, -0.122727, -0.204545, -0.286364, -0.368182,
 )  # fmt: skip
-
+PER_SIDE: Final = 40
+COUNT: Final = 2 * PER_SIDE + len(_BASE_Y)
 BASE: Final = slice(2 * PER_SIDE, COUNT)
 """Columns of the sensors on the base. The base pressure is the mean over these columns."""
 

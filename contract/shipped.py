@@ -13,15 +13,10 @@ from contract.errors import StillwakeError
 PACKAGE: Final = "stillwake_data"
 
 
-def _folder() -> Path:
-    spec = find_spec(PACKAGE)
-    if spec is not None and spec.origin is not None:
-        return Path(spec.origin).parent
-    return Path(__file__).resolve().parents[1] / "data" / PACKAGE
-
-
-_DATA: Final = _folder()
-
+_SPEC: Final = find_spec(PACKAGE)
+_DATA: Final = (
+    Path(_SPEC.origin).parent if _SPEC and _SPEC.origin else Path(__file__).resolve().parents[1] / "data" / PACKAGE
+)
 BUNDLE: Final = Path(__file__).resolve().parent / "release" / "shipped"
 """Path of the shipped release."""
 RECORDING: Final = _DATA / "recording.h5"
@@ -31,8 +26,7 @@ MODEL: Final = _DATA / "model"
 
 
 def developed() -> Path:
-    """Return the path of the developed flow: a shedding wake without jets, with which episodes begin. Raises
-    StillwakeError if the data are not installed."""
+    """Return the path of the developed wake, with which episodes begin; raises as `recording` does."""
     return _present(_DATA / "developed.npz", "the developed flow that runs begin with")
 
 

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from distributed import Client, Future, LocalCluster
 
 J = TypeVar("J")
-
 _STOPS: Final = (signal.SIGINT, signal.SIGTERM)
 """Signals that stop a command. Child processes ignore these signals, so that only the parent process reacts."""
 _POLL_S: Final = 0.2
@@ -27,8 +26,7 @@ _CONNECT_S: Final = 10.0
 
 @contextmanager
 def process_pool(workers: int, initializer: Callable[[], None] | None = None) -> Iterator[ProcessPoolExecutor]:
-    """Open a pool of new processes, each of which calls `initializer` before its work. After an error or a stop signal
-    the processes are killed, even during their work."""
+    """Open a pool of new processes, each of which first calls `initializer`. An error or a stop signal kills them."""
     context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory(prefix="stillwake-", ignore_cleanup_errors=True) as scratch:
         pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(scratch, initializer))

@@ -14,12 +14,10 @@ from contract.errors import ConfigError
 from contract.printable import quoted, shown
 
 T = TypeVar("T")
-
 LONGEST_SHOWN: Final = 60
 """Largest number of characters of a value that an error shows."""
 LARGEST_FILE: Final = 2**20
 """Largest size of a file, in bytes; a file with all settings has three thousand bytes."""
-
 _KINDS: Final = {
     "int": "a whole number",
     "float": "a number",
@@ -122,8 +120,7 @@ def _part_of(hint: Any) -> Any:
 
 
 def differences(there: Any, here: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """List the differences between two trees as (dotted name, value in `there`, value in `here`). A missing value is
-    None."""
+    """List the differences of two trees as (dotted name, value in `there`, value in `here`); None if it is missing."""
     if isinstance(there, Mapping) and isinstance(here, Mapping):
         for key in sorted(there.keys() | here.keys()):
             yield from differences(there.get(key), here.get(key), f"{name}.{key}".lstrip("."))

@@ -11,7 +11,7 @@ from can_bridge.calibration import xcp
 from can_bridge.calibration.daq import MEASURED_ADDRESS, MEASURED_BYTES
 from can_bridge.calibration.segment import ADDRESS
 from can_bridge.calibration.xcp_slave import IDLE_NS
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.isotp.endpoint import KEPT_PLACES
 from can_bridge.uds import services

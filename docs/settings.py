@@ -7,7 +7,7 @@ from typing import Final
 
 from contract.config.listing import Section, Setting, sections, shown
 from contract.config.loading import load_config
-from contract.config.rules import Source
+from contract.config.notes import Source
 
 _SIGNS: Final = {"at least ": "≥", "positive": "", "non-negative": "≥0", "in ": ""}
 """Short forms of the words at the beginning of a bound. The page leaves out "positive"."""

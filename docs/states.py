@@ -13,7 +13,7 @@ from contract.config.vehicle import EcuConfig
 from docs.site import source
 from docs.table import table
 from ecu import fail_safe
-from ecu.fail_safe import DRIVES_JETS, TRANSITIONS, OperatingMode
+from ecu.fail_safe import TRANSITIONS, OperatingMode
 
 PICTURE: Final = Path(__file__).with_name("states.svg")
 
@@ -81,7 +81,7 @@ def states() -> str:
     of_modes = [one for one in found.members if one.kind == "attribute"]
     texts = {OperatingMode[one.name]: " ".join(one.docstring.split()) for one in of_modes}
     return "\n".join(
-        f"- {mode.name} ({mode.on_wire.name}, jets {'may run' if mode in DRIVES_JETS else 'shut'}): {text}"
+        f"- {mode.name} ({mode.on_wire.name}, jets {'may run' if mode.drives_jets else 'shut'}): {text}"
         for mode, text in texts.items()
     )
 

@@ -18,8 +18,6 @@ from contract.release.manifest import Manifest
 from contract.sensor_layout import SAME_PLACE
 from ecu.fit import positions_of
 
-_ON_BASE: Final = "base_"
-"""Prefix of the names of the sensors on the base of a body."""
 MOVED: Final = 0.1
 """Change of the speed that ends a test, as a share of the design speed: a test is valid only for its own speed."""
 PATIENCE: Final = 6
@@ -86,7 +84,7 @@ class BenefitCheck:
     @classmethod
     def of(cls, manifest: Manifest, config: BenefitCheckConfig) -> "BenefitCheck | None":
         """Return the check of a release; None if it is disabled, or base sensors or mirrored sensors are missing."""
-        base = tuple(place for place, name in enumerate(manifest.sensors) if name.startswith(_ON_BASE))
+        base = tuple(place for place, name in enumerate(manifest.sensors) if name.startswith("base_"))
         pairs = mirrored_pairs(manifest)
         if not (config.enabled and base and pairs):
             return None
@@ -131,12 +129,9 @@ class BenefitCheck:
         suction, swing = self._measured(cp, speed)
         driven = min(state.driven + 1, config.first_period)
         over = min(driven, config.mean_periods)
-        after = replace(
-            state,
-            driven=driven,
-            suction=state.suction + (suction - state.suction) / over,
-            swing=state.swing + (swing - state.swing) / over,
-        )
+        suction = state.suction + (suction - state.suction) / over
+        swing = state.swing + (swing - state.swing) / over
+        after = replace(state, driven=driven, suction=suction, swing=swing)
         if driven < config.first_period or state.rested == 0:
             return after
         helps = self._helps(after)
@@ -175,11 +170,9 @@ class BenefitCheck:
     def _rested(self, state: BenefitCheckState, cp: Array, speed: float, over: int) -> BenefitCheckState:
         """Add this period's values to the means without control; the weight of the new values is 1 / `over`."""
         suction, swing = self._measured(cp, speed)
-        return replace(
-            state,
-            resting_suction=state.resting_suction + (suction - state.resting_suction) / over,
-            resting_swing=state.resting_swing + (swing - state.resting_swing) / over,
-        )
+        suction = state.resting_suction + (suction - state.resting_suction) / over
+        swing = state.resting_swing + (swing - state.resting_swing) / over
+        return replace(state, resting_suction=suction, resting_swing=swing)
 
     def _measured(self, cp: Array, speed: float) -> tuple[float, float]:
         """Return suction and swing divided by the release's values without jets; C sums in the same order."""

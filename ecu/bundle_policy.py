@@ -33,13 +33,9 @@ class BundlePolicy:
 
     def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
         """Return command and new memory. Raises ControllerError if the controller fails or its answer is not finite."""
-        before = ControllerMemory(
-            window=memory[1 : -self._horizon].reshape(self._shape),
-            rows=int(memory[0]),
-            gap=0,
-            plan=memory[-self._horizon :],
-            under_way=DelayLine((action,)),
-        )
+        window, plan = memory[1 : -self._horizon].reshape(self._shape), memory[-self._horizon :]
+        sent = DelayLine((action,))
+        before = ControllerMemory(window=window, rows=int(memory[0]), gap=0, plan=plan, under_way=sent)
         after = before.observed(Cp[self._columns])
         if not after.is_full:
             return 0.0, _packed(after)

@@ -22,23 +22,17 @@ LEAST_SHARE: Final = 0.05
 
 def release_calibration(bundle: Bundle, config: Config) -> Calibration:
     """Return the values at power-on: a verified release's cost weights, and the vehicle's bounds and delay."""
-    return Calibration(
-        weights=bundle.manifest.mpc.weights,
-        action_limit=config.flow.action_limit,
-        command_step=config.ecu.command_step,
-        delay_steps=config.ecu.delay_steps,
-    )
+    limit, ecu = config.flow.action_limit, config.ecu
+    weights, step, delay = bundle.manifest.mpc.weights, ecu.command_step, ecu.delay_steps
+    return Calibration(weights=weights, action_limit=limit, command_step=step, delay_steps=delay)
 
 
 def limits_of(bundle: Bundle, config: Config) -> CalibrationLimits:
     """Return the smallest and the largest values to which a release may be calibrated in a vehicle."""
     own = release_calibration(bundle, config)
-    least = Calibration(
-        weights=CostWeights(**dict.fromkeys(TERMS, 0.0)),
-        action_limit=LEAST_SHARE * own.action_limit,
-        command_step=LEAST_SHARE * own.command_step,
-        delay_steps=0,
-    )
+    lightest = CostWeights(**dict.fromkeys(TERMS, 0.0))
+    limit, step = LEAST_SHARE * own.action_limit, LEAST_SHARE * own.command_step
+    least = Calibration(weights=lightest, action_limit=limit, command_step=step, delay_steps=0)
     heaviest = CostWeights(**{name: max(LARGEST_WEIGHT, value) for name, value in vars(own.weights).items()})
     longest = bundle.manifest.mpc.horizon - 1 - config.ecu.plan_ahead
     return CalibrationLimits(least=least, greatest=replace(own, weights=heaviest, delay_steps=longest))

@@ -38,7 +38,6 @@ class DelayLine:
 
     @property
     def newest(self) -> float:
-        """The value that was sent last."""
         return self.values[-1]
 
     @property
@@ -72,11 +71,8 @@ class Past(ArrayValue):
 
     def with_row(self, row: Array, speed: float) -> "Past":
         """Return the past with this period's row, (S + 1,), in place of the oldest row."""
-        return Past(
-            rows=np.vstack([self.rows[1:], row]),
-            speeds=np.append(self.speeds[1:], speed),
-            count=min(self.count + 1, len(self.rows)),
-        )
+        rows, speeds = np.vstack([self.rows[1:], row]), np.append(self.speeds[1:], speed)
+        return Past(rows=rows, speeds=speeds, count=min(self.count + 1, len(rows)))
 
     def read(self, length: int) -> tuple[Array, int]:
         """Return the window (L, S + 1), at L equal steps of travelled distance, and the number of rows with data."""
@@ -113,14 +109,9 @@ class ControllerMemory(ArrayValue):
     def empty(*, length: int, sensors: int, horizon: int, delay: int, past: int = 0) -> "ControllerMemory":
         """Return a memory without rows, with a plan of zeros and no jet action. The sizes are L = `length`, S =
         `sensors`, H = `horizon` and N = `past`, 0 for a release without a range of speeds. `delay` is in periods."""
-        return ControllerMemory(
-            window=np.zeros((length, sensors + 1)),
-            rows=0,
-            gap=0,
-            plan=np.zeros(horizon),
-            under_way=DelayLine.filled(delay),
-            past=Past.empty(past, sensors) if past else None,
-        )
+        window, plan, under_way = np.zeros((length, sensors + 1)), np.zeros(horizon), DelayLine.filled(delay)
+        stored = Past.empty(past, sensors) if past else None
+        return ControllerMemory(window=window, rows=0, gap=0, plan=plan, under_way=under_way, past=stored)
 
     @property
     def is_full(self) -> bool:

@@ -7,7 +7,7 @@ command gate. Neither frames, nor the time, nor the controller's answer can make
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple, Unpack
+from typing import Unpack
 
 import numpy as np
 
@@ -36,14 +36,6 @@ from ecu.speed_reception import SpeedReception
 from ecu.timing import StepTiming
 
 
-class StepOutcome(NamedTuple):
-    """The outcome of a control period, with the frames to send: a JetCommand and an EcuStatus."""
-
-    state: EcuState
-    frames: list[Frame]
-    trace: Trace
-
-
 class Ecu:
     """An ECU with one controller of one bundle. `next` computes a control period from a state; `step` also stores the
     new state. Raises BundleError if the bundle was made for another vehicle, or for another number of sensors than the
@@ -58,14 +50,11 @@ class Ecu:
     ) -> None:
         check_vehicle(bundle, config)
         manifest = bundle.manifest
-        self._bundle_hash = bundle.short_hash
-        self._controller = controller
+        self._bundle_hash, self._controller = bundle.short_hash, controller
         self._config = self._own_config = config
         self._calibration_limits = limits_of(bundle, config)
-        self._messages = message_set(config.bus)
-        self._key = key_of(authentication, config.bus)
-        self._period_ns = config.period_ns
-        self._flow_scale = config.operating_point.flow_rate_scale
+        self._messages, self._key = message_set(config.bus), key_of(authentication, config.bus)
+        self._period_ns, self._flow_scale = config.period_ns, config.operating_point.flow_rate_scale
         self._limits = self._own_limits = GateLimits.from_config(config)
         self._reception = PressureReception(
             message=self._messages.pressure,
@@ -78,7 +67,7 @@ class Ecu:
         self._sensor_check = sensor_check_of(bundle, config)
         self._benefit_check = BenefitCheck.of(manifest, config.ecu.benefit_check)
         self._longest_gap = config.ecu.hold_periods + config.ecu.decay_periods
-        start = EcuState.power_on(
+        self._state = EcuState.power_on(
             window=manifest.window,
             sensors=len(manifest.sensors),
             horizon=manifest.mpc.horizon,
@@ -86,24 +75,20 @@ class Ecu:
             past=0 if manifest.speeds is None else manifest.past,
             speed=None if self._speed_reception is None else self._speed_reception.start,
         ).authenticated(authentication, self._messages)
-        self._state = start
-        self.restore(start)
+        self.restore(self._state)
         # The graph has the cost weights from its export, but the manifest of a renewed bundle has new weights.
         self.calibrate(release_calibration(bundle, config))
 
     @property
     def state(self) -> EcuState:
-        """The state after the latest step."""
         return self._state
 
     def restore(self, state: EcuState) -> None:
         """Continue from a state of an ECU with equal bundle, settings and calibration. Raises ValueError if the state's
         window, number of sensors, horizon or delay differs from this ECU."""
-        if (own := self._state.memory.sizes) != state.memory.sizes:
-            raise ValueError(
-                f"the state is of a controller with (window, sensors, horizon, delay) = {state.memory.sizes}: this ECU "
-                f"has {own}; build the ECU from the same bundle, settings and calibration"
-            )
+        if (own := self._state.memory.sizes) != (found := state.memory.sizes):
+            right = f"this ECU has {own}; build the ECU from the same bundle, settings and calibration"
+            raise ValueError(f"the state is of a controller with (window, sensors, horizon, delay) = {found}: {right}")
         self._state = state
         mode, action = state.fail_safe.mode.on_wire, state.memory.under_way.newest
         self.trace = Trace(mode=mode, action=action, forces=None, interventions=Intervention(0))
@@ -128,9 +113,8 @@ class Ecu:
             frames: all frames received since the last step, oldest first.
             health: health of the CAN controller, for the status and the check for bus-off.
         """
-        outcome = self.next(self._state, now_ns, frames, health, **around)
-        self._state, self.trace = outcome.state, outcome.trace
-        return outcome.frames
+        self._state, sent, self.trace = self.next(self._state, now_ns, frames, health, **around)
+        return sent
 
     def next(
         self,
@@ -139,8 +123,9 @@ class Ecu:
         frames: Sequence[Frame],
         health: BusHealth = HEALTHY,
         **around: Unpack[Surroundings],
-    ) -> StepOutcome:
-        """Compute a control period from any state and store nothing. The function is pure if the controller is pure."""
+    ) -> tuple[EcuState, list[Frame], Trace]:
+        """Compute a control period from any state and store nothing. The function is pure if the controller is pure.
+        Returns the next state, the frames to send (a JetCommand and an EcuStatus), and the trace."""
         received, inputs = self._receive(state, now_ns, frames, health, around)
         decided = replace(received, fail_safe=received.fail_safe.next(inputs, self._config.ecu))
         acted, passed, forces = self._act(decided, state.timing, now_ns)
@@ -156,22 +141,16 @@ class Ecu:
         )
         action, interventions = after.memory.under_way.newest, passed.interventions
         trace = Trace(mode=mode.on_wire, action=action, forces=forces, interventions=interventions)
-        frames_out = answers(state, after, command, now_ns, self._messages, self._key, self._bundle_hash)
-        return StepOutcome(after, frames_out, trace)
+        status = after.status(self._bundle_hash)
+        return after, answers(state, command, status, now_ns, self._messages, self._key), trace
 
     def status(self) -> EcuStatus:
         """Return the health counters after the latest step."""
         return self._state.status(self._bundle_hash)
 
-    @property
-    def frames_rejected(self) -> int:
-        """The number of pressure frames that were not authentic or failed their end-to-end check."""
-        return self._state.verifier.refused + self._state.pressures.frames_rejected
-
     def _receive(
         self, state: EcuState, now_ns: int, frames: Sequence[Frame], health: BusHealth, around: Surroundings
     ) -> tuple[EcuState, PeriodInputs]:
-        """Return the state with the pressures of this period, and the inputs of the fail-safe."""
         timing = state.timing.next(now_ns, self._period_ns, self._config.ecu)
         speed_state, speed = state.speed, 1.0
         dynamic_pressure: float | None = self._config.operating_point.dynamic_pressure
@@ -261,7 +240,6 @@ class Ecu:
     def _checked(
         self, state: SensorCheckState, memory: ControllerMemory, received: Received, skipped: int
     ) -> tuple[SensorCheckState, ControllerMemory, Reason | None]:
-        """Return the sensor check's state, the memory with estimates for a faulty sensor, and the fault or None."""
         if self._sensor_check is None:
             return state, memory, None
         after, fault = self._sensor_check.next(

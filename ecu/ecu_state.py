@@ -1,8 +1,7 @@
 """The state of an ECU as one value. An equal ECU continues from this value with the same results, bit for bit."""
 
 from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Self, TypedDict
+from typing import Any, Self, TypedDict
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.command_gate import Intervention
@@ -12,7 +11,7 @@ from can_bridge.secoc.key import Key
 from can_bridge.secoc.node import Authentication, secured
 from can_bridge.secoc.securing import Freshness, VerifierState
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_sets import MessageSet
+from can_bridge.wire.message_sets import Message, MessageSet
 from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus, JetCommand, Mode, Reason
 from contract.arrays import Array
 from ecu.benefit_check import BenefitCheckState
@@ -86,12 +85,13 @@ class EcuState:
 
     def answered(self, messages: MessageSet) -> Self:
         """Return the state after the two frames of a period were sent: the next counters and freshness values."""
-        return replace(
-            self,
-            commands=self.commands.next(messages.command.spec),
-            statuses=self.statuses.next(messages.status.spec),
-            freshness=self.freshness.next(),
-        )
+        commands, statuses = self.commands.next(messages.command.spec), self.statuses.next(messages.status.spec)
+        return replace(self, commands=commands, statuses=statuses, freshness=self.freshness.next())
+
+    @property
+    def frames_rejected(self) -> int:
+        """The number of pressure frames that were not authentic or failed their end-to-end check."""
+        return self.verifier.refused + self.pressures.frames_rejected
 
     def status(self, bundle_hash: int) -> EcuStatus:
         """Return the status message of an ECU that runs this bundle."""
@@ -112,24 +112,16 @@ class EcuState:
 
 
 def answers(
-    before: EcuState,
-    after: EcuState,
-    command: JetCommand,
-    now_ns: int,
-    messages: MessageSet,
-    key: Key | None,
-    bundle_hash: int,
+    before: EcuState, command: JetCommand, status: EcuStatus, now_ns: int, messages: MessageSet, key: Key | None
 ) -> list[Frame]:
-    """Return a period's two frames: their counters and freshness are from `before`, the status is from `after`."""
-    contents = (
-        (before.commands, messages.command.spec, messages.command.emit(command)),
-        (before.statuses, messages.status.spec, messages.status.emit(after.status(bundle_hash))),
-    )
-    # A frame's time must not be negative. If the clock gives a negative time, the jets are shut anyway.
-    sent_ns, secure = max(0, now_ns), partial(secured, key=key, freshness=before.freshness)
-    return [
-        secure(protected_frame(sender, data, spec=spec, now_ns=sent_ns), spec=spec) for sender, spec, data in contents
-    ]
+    """Return a period's two frames, with the counters and freshness values of the state `before` the period."""
+
+    def frame(sender: SenderState, message: Message[Any], content: JetCommand | EcuStatus) -> Frame:
+        # A frame's time must not be negative. If the clock gives a negative time, the jets are shut anyway.
+        protected = protected_frame(sender, message.emit(content), spec=message.spec, now_ns=max(0, now_ns))
+        return secured(protected, spec=message.spec, key=key, freshness=before.freshness)
+
+    return [frame(before.commands, messages.command, command), frame(before.statuses, messages.status, status)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -44,23 +44,12 @@ class OperatingMode(Enum):
 
     @property
     def on_wire(self) -> Mode:
-        """The mode as reported in JetCommand and EcuStatus."""
-        return _ON_WIRE[self]
+        """The mode as reported in JetCommand and EcuStatus: the mode of the same name, or else OFF."""
+        return Mode[self.name] if self.name in Mode.__members__ else Mode.OFF
 
     @property
     def drives_jets(self) -> bool:
-        return self in DRIVES_JETS
-
-
-_ON_WIRE: Final = {
-    **dict.fromkeys((OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.ARMED, OperatingMode.UPDATE), Mode.OFF),
-    OperatingMode.WARMUP: Mode.WARMUP,
-    OperatingMode.CONTROL: Mode.CONTROL,
-    OperatingMode.HOLD: Mode.HOLD,
-    OperatingMode.DECAY: Mode.DECAY,
-    OperatingMode.FAULT: Mode.FAULT,
-}
-DRIVES_JETS: Final = frozenset({OperatingMode.CONTROL, OperatingMode.HOLD, OperatingMode.DECAY})
+        return self in (OperatingMode.CONTROL, OperatingMode.HOLD, OperatingMode.DECAY)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,43 +126,42 @@ _WAITING: Final = Because("NONE; OFF_SPEED at such a speed; NOT_HELPING in a tes
 _OWN: Final = Because("of the fault", lambda period: period.inputs.fault or Reason.INTERNAL)
 _FIRST: Final = Because("the first reason stays", lambda period: period.kept)
 
-ALWAYS: Final = Condition("in any other case", lambda period: True)
-UPDATING: Final = Condition("a release is being written", lambda period: period.inputs.updating)
+ALWAYS: Final = Condition("in any other case", lambda p: True)
+UPDATING: Final = Condition("a release is being written", lambda p: p.inputs.updating)
 OWN_FAULT: Final = Condition(
     "the ECU's own fault: clock, deadline, bus-off, sensors, another ECU, no benefit, controller",
-    lambda period: period.inputs.fault is not None,
+    lambda p: p.inputs.fault is not None,
 )
 REARMED: Final = Condition(
     "the request rises with usable pressures, `rearm_frames` or more in a row",
-    lambda period: period.inputs.usable and period.rises and period.good >= period.config.rearm_frames,
+    lambda p: p.inputs.usable and p.rises and p.good >= p.config.rearm_frames,
 )
-LOW: Final = Condition("the request is low", lambda period: not period.request)
+LOW: Final = Condition("the request is low", lambda p: not p.request)
 NEVER_YET: Final = Condition(
-    "no usable pressures, and the request does not rise", lambda period: not (period.inputs.usable or period.rises)
+    "no usable pressures, and the request does not rise", lambda p: not (p.inputs.usable or p.rises)
 )
 LOW_AND_USABLE: Final = Condition(
-    "usable pressures, and the request is low", lambda period: period.inputs.usable and not period.request
+    "usable pressures, and the request is low", lambda p: p.inputs.usable and not p.request
 )
 STANDING: Final = Condition(
-    "usable pressures, and the request was already high", lambda period: period.inputs.usable and not period.rises
+    "usable pressures, and the request was already high", lambda p: p.inputs.usable and not p.rises
 )
-INVALID: Final = Condition("the pressure stream is invalid", lambda period: _missing(period) is Reason.STREAM_INVALID)
+INVALID: Final = Condition("the pressure stream is invalid", lambda p: _missing(p) is Reason.STREAM_INVALID)
 TOO_LONG: Final = Condition(
     "more than `hold_periods` + `decay_periods` missing in a row",
-    lambda period: period.misses > period.config.hold_periods + period.config.decay_periods,
+    lambda p: p.misses > p.config.hold_periods + p.config.decay_periods,
 )
 TOO_MANY: Final = Condition(
     "`loss_limit` of the last `loss_window` missing, the present period included",
-    lambda period: not period.inputs.usable and period.lost >= period.config.loss_limit,
+    lambda p: not p.inputs.usable and p.lost >= p.config.loss_limit,
 )
 FILLING: Final = Condition(
     "the window is not full, the release is not made for the speed, or a test of control is in progress",
-    lambda period: period.inputs.off_speed or period.inputs.tests or not period.inputs.window_full,
+    lambda p: p.inputs.off_speed or p.inputs.tests or not p.inputs.window_full,
 )
-USABLE: Final = Condition("usable pressures", lambda period: period.inputs.usable)
-SHORT: Final = Condition(
-    "no more than `hold_periods` missing in a row", lambda period: period.misses <= period.config.hold_periods
-)
+REARMED_FILLING: Final = Condition(f"{REARMED.text}; {FILLING.text}", lambda p: REARMED.holds(p) and FILLING.holds(p))
+USABLE: Final = Condition("usable pressures", lambda p: p.inputs.usable)
+SHORT: Final = Condition("no more than `hold_periods` missing in a row", lambda p: p.misses <= p.config.hold_periods)
 
 
 @dataclass(frozen=True)
@@ -220,22 +208,14 @@ TRANSITIONS: Final = (
     _row("ARMED WARMUP CONTROL HOLD", SHORT, _S.HOLD, _MISSING),
     _row(f"ARMED {_WANTED}", ALWAYS, _S.DECAY, _MISSING, "hold_periods + 1"),
     # These rows end a latched fault or keep it latched.
-    _row(
-        "FAULT",
-        Condition(f"{REARMED.text}; {FILLING.text}", lambda p: REARMED.holds(p) and FILLING.holds(p)),
-        _S.WARMUP,
-        _WAITING,
-        "rearm_frames",
-    ),
+    _row("FAULT", REARMED_FILLING, _S.WARMUP, _WAITING, "rearm_frames"),
     _row("FAULT", REARMED, _S.CONTROL, _NO_REASON, "rearm_frames"),
     _row("FAULT", ALWAYS, _S.FAULT, _FIRST),
 )
 """All transitions, in the order in which they are examined; see `Transition`."""
-
-
 _FROM: Final = {mode: [row for row in TRANSITIONS if mode in row.start] for mode in OperatingMode}
-_UNWANTED: Final = frozenset({_S.INIT, _S.STANDBY, _S.ARMED})
-_COUNTS_NO_LOSS: Final = frozenset({_S.FAULT, _S.UPDATE})
+_NO_LIMITS: Final = EcuConfig()
+"""Any valid settings: the table's rows for the ECU's own faults depend on no setting."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -268,8 +248,8 @@ class FailSafe:
         # Good frames help to end a fault only if they came after the latest fault of the ECU itself.
         good = (self.good + 1 if inputs.fault is None else 1) if usable else 0
         lost = 0
-        is_wanted = request and (rises or self.mode not in _UNWANTED)
-        if is_wanted and inputs.fault is None and self.mode not in _COUNTS_NO_LOSS:
+        is_wanted = request and (rises or self.mode not in (_S.INIT, _S.STANDBY, _S.ARMED))
+        if is_wanted and inputs.fault is None and self.mode not in (_S.FAULT, _S.UPDATE):
             lost = lengthened(self.lost, not usable, config.loss_window)
         period = Period(inputs, request, rises, misses, good, lost.bit_count(), config, self.reason)
         row = taken(self.mode, period)
@@ -282,16 +262,10 @@ class FailSafe:
 
     def latch(self, reason: Reason) -> "FailSafe":
         """Return the state after a fault of the ECU itself that is found in this period."""
-        inputs = PeriodInputs(
-            usable=False, enable_request=None, unusable_because=reason, window_full=False, fault=reason
-        )
-        period = Period(inputs, self.enable_request, False, self.misses, 0, 0, _NO_LIMITS, self.reason)
+        own = PeriodInputs(usable=False, enable_request=None, unusable_because=reason, window_full=False, fault=reason)
+        period = Period(own, self.enable_request, False, self.misses, 0, 0, _NO_LIMITS, self.reason)
         row = taken(self.mode, period)
         return replace(self, mode=row.to, good=0, lost=0, reason=row.reason.of(period))
-
-
-_NO_LIMITS: Final = EcuConfig()
-"""Any valid settings: the table's rows for the ECU's own faults depend on no setting."""
 
 
 def taken(mode: OperatingMode, period: Period) -> Transition:

@@ -43,19 +43,16 @@ def check_ecu(owner: str, sensors: int, horizon: int, ecu: EcuConfig) -> None:
         raise BundleError(f"{owner} has {sensors} sensors: the Pressure message carries {SENSORS}")
     if ecu.frozen_actions >= horizon:
         most, ahead = horizon - 1 - ecu.plan_ahead, ", as ecu.plan_ahead is set" if ecu.plan_ahead else ""
-        raise BundleError(
-            f"ecu.delay_steps = {ecu.delay_steps}: must be at most {most} for the horizon of {horizon}{ahead}"
-        )
+        right = f"must be at most {most} for the horizon of {horizon}{ahead}"
+        raise BundleError(f"ecu.delay_steps = {ecu.delay_steps}: {right}")
 
 
 def check_offset(config: Config) -> int:
     """Return `ecu.step_offset_ms` in ns; raises ConfigError if it is a period or longer."""
     offset_ns = round(config.ecu.step_offset_ms * 1e6)
     if offset_ns >= config.period_ns:
-        raise ConfigError(
-            f"ecu.step_offset_ms = {config.ecu.step_offset_ms:g}: must be shorter than the control period of "
-            f"{config.period_ns / 1e6:g} ms"
-        )
+        right = f"must be shorter than the control period of {config.period_ns / 1e6:g} ms"
+        raise ConfigError(f"ecu.step_offset_ms = {config.ecu.step_offset_ms:g}: {right}")
     return offset_ns
 
 
@@ -71,10 +68,9 @@ def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
         return
     for name, there, here in zip(manifest.sensors, built_for, layout.positions[columns], strict=True):
         if np.abs(there - here).max() > SAME_PLACE:
-            raise BundleError(
-                "bundle {!r} was built for another body: its sensor {} is at ({:g} W, {:g} W), but on this "
-                "plant it is at ({:g} W, {:g} W)".format(manifest.name, name, *there, *here)
-            )
+            places = ("({:g} W, {:g} W)".format(*place) for place in (there, here))
+            where = "its sensor {} is at {}, but on this plant it is at {}".format(name, *places)
+            raise BundleError(f"bundle {manifest.name!r} was built for another body: {where}")
 
 
 def positions_of(manifest: Manifest) -> Array | None:
@@ -87,6 +83,5 @@ def positions_of(manifest: Manifest) -> Array | None:
 
 def _check_equal(bundle: Bundle, name: str, built_for: object, here: object, *, owner: str, remedy: str = "") -> None:
     if built_for != here:
-        raise BundleError(
-            f"bundle {bundle.manifest.name!r} was built for {name} {built_for}, but the {owner} has {here}{remedy}"
-        )
+        what = f"was built for {name} {built_for}, but the {owner} has {here}{remedy}"
+        raise BundleError(f"bundle {bundle.manifest.name!r} {what}")

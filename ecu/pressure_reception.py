@@ -88,12 +88,9 @@ class PressureReception:
             return requested._replace(unusable_because=Reason.SENSOR_INVALID)
         if dynamic_pressure is None:
             return requested._replace(unusable_because=Reason.NO_SPEED)
-        return requested._replace(
-            cp=np.array(pressure.pressure_pa) / dynamic_pressure,
-            reading=np.array(pressure.pressure_pa) / self.dynamic_pressure,
-            sampled_ns=sampled_ns,
-            counter=profile_of(spec).counter_of(frame.data),
-        )
+        pressures, counter = np.array(pressure.pressure_pa), profile_of(spec).counter_of(frame.data)
+        cp, reading = pressures / dynamic_pressure, pressures / self.dynamic_pressure
+        return requested._replace(cp=cp, reading=reading, sampled_ns=sampled_ns, counter=counter)
 
 
 SILENCE_NS: Final = 1_000_000_000

@@ -31,24 +31,19 @@ cycle, a wrong reading may agree with the other readings by chance."""
 NOISE_ALLOWED: Final = 0.3
 """Share of the noise's variance that is added to the variance of healthy sensors. It is twice the share that remains in
 the fast average, 1 / (2 * FAST_PERIODS - 1), because the estimate of the noise's variance is noisy, too."""
-
 MOVING: Final = 0.4
 """A constant reading counts as stuck only if the median range of the other sensors is at least this number of standard
 deviations of healthy residuals: 0.018 in Cp. In the shipped recording, the median over 10 periods is at least 0.029."""
-
 ALIKE: Final = 0.1
 """One sensor may be a copy of another if the rms difference of their readings over a window is at most this number of
 standard deviations of healthy sensors' residuals: 0.0045 in Cp. The difference of healthy sensors exceeds 0.011."""
-
 COPIED: Final = 2.0
 """Smallest range (maximum minus minimum) of a sensor's readings in a window for which another sensor may be its copy,
 in standard deviations of healthy sensors' residuals: 0.09 in Cp. Under control with the shipped release most ranges are
 larger; the smallest is 0.075. In a calm wake, in which mirrored sensors agree, ranges are below 0.07."""
-
 DRIFT_ALLOWED: Final = 4.0
 """Ratio of the limit for slow means of residuals (64) to the limit for fast means (16). The disagreement of healthy
 sensors' slow means reaches 7, or 40 with one sensor left out."""
-
 ASIDE_ALLOWED: Final = 2.0
 """Factor by which the permitted disagreement rises (to 32) when a sensor is set aside, since two sensors estimate less
 accurately than three. Healthy sensors then disagree by up to 28, in a gust that the speed on the bus does not show."""
@@ -208,26 +203,17 @@ class SensorCheck:
         aside = state.set_aside
         doubt = alone.mean() if aside is None else others[aside] / ASIDE_ALLOWED
         drift = slow_others.min() if aside is None else slow_others[aside]
-        return ResidualLevels(
-            liar=alone / (1.0 + others),
-            bias=slow_alone / (1.0 + slow_others),
-            swap=alone.mean() / (1.0 + state.score[sensors:].mean(axis=1)),
-            doubt=float(doubt),
-            drift=float(drift) / DRIFT_ALLOWED,
-        )
+        liar, bias = alone / (1.0 + others), slow_alone / (1.0 + slow_others)
+        swap = alone.mean() / (1.0 + state.score[sensors:].mean(axis=1))
+        return ResidualLevels(liar=liar, bias=bias, swap=swap, doubt=float(doubt), drift=float(drift) / DRIFT_ALLOWED)
 
     def _averaged(self, state: SensorCheckState, residual: Array) -> dict[str, Any]:
         before = np.where(np.isnan(state.residual), residual, state.residual)
         fast = _mean(state.fast, residual, FAST_PERIODS)
         noise = _mean(state.noise, np.square(residual - before) / 2.0, SCORE_PERIODS)
-        score = np.square(fast) / (np.square(self.fast) + NOISE_ALLOWED * noise)
-        return {
-            "residual": residual,
-            "fast": fast,
-            "slow": _mean(state.slow, residual, SLOW_PERIODS),
-            "noise": noise,
-            "score": _mean(state.score, score, SCORE_PERIODS),
-        }
+        score = _mean(state.score, np.square(fast) / (np.square(self.fast) + NOISE_ALLOWED * noise), SCORE_PERIODS)
+        slow = _mean(state.slow, residual, SLOW_PERIODS)
+        return {"residual": residual, "fast": fast, "slow": slow, "noise": noise, "score": score}
 
     def _others_move(self, resting: int, window: Array) -> bool:
         """Return whether the other sensors' readings varied, as in a flow, while `resting` had a constant reading."""

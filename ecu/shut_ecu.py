@@ -2,70 +2,50 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, Unpack
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.command_gate import Intervention
 from can_bridge.secoc.node import Authentication, key_of
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
-from can_bridge.wire.messages import SENSORS, EcuStatus, JetCommand, Reason
+from can_bridge.wire.messages import SENSORS, JetCommand, Reason
 from contract.config.tree import Config
-from ecu.ecu_state import EcuState, Trace, answers
+from ecu.ecu_state import EcuState, Surroundings, Trace, answers
 from ecu.fail_safe import FailSafe, OperatingMode
-
-NO_BUNDLE: Final = 0
-"""Bundle hash that an ECU without a release sends in its status."""
 
 
 class ShutEcu:
     """An `ecu.stepped.SteppedEcu` that reads no pressures and drives no jets. Raises ConfigError if only one of
     `bus.key` and `authentication` is given."""
 
-    frames_rejected = 0
-
     def __init__(self, config: Config, *, authentication: Authentication | None = None) -> None:
-        self._messages = message_set(config.bus)
-        self._key = key_of(authentication, config.bus)
+        self._messages, self._key = message_set(config.bus), key_of(authentication, config.bus)
         self._next_period = config.ecu.plan_ahead
         start = EcuState.power_on(window=1, sensors=SENSORS, horizon=1, delay=0)
         self.restore(start.authenticated(authentication, self._messages))
 
     @property
-    def state(self) -> EcuState:
-        return self._state
-
-    @property
     def trace(self) -> Trace:
-        mode = self._state.fail_safe.mode.on_wire
+        mode = self.state.fail_safe.mode.on_wire
         return Trace(mode=mode, action=0.0, forces=None, interventions=Intervention.NOT_ENABLED)
 
     def restore(self, state: EcuState) -> None:
         """Continue from a state of an ECU without a release."""
-        self._state = replace(state, fail_safe=_NO_RELEASE)
+        self.state = replace(state, fail_safe=_NO_RELEASE)
 
     def step(
-        self,
-        now_ns: int,
-        frames: Sequence[Frame],
-        health: BusHealth = HEALTHY,
-        *,
-        fault: Reason | None = None,
-        updating: bool = False,
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
     ) -> list[Frame]:
         """Do one control period as `ecu.ecu.Ecu.step` does. The ECU reports the missing release even during a fault."""
-        before = self._state
-        updating = updating or before.fail_safe.mode is OperatingMode.UPDATE
+        before = self.state
+        updating = around.get("updating", False) or before.fail_safe.mode is OperatingMode.UPDATE
         fail_safe = _UPDATING if updating else _NO_RELEASE
-        self._state = replace(before.answered(self._messages), fail_safe=fail_safe, health=health)
+        self.state = replace(before.answered(self._messages), fail_safe=fail_safe, health=health)
         command = JetCommand(
             flow_m2_per_s=0.0, mode=self.trace.mode, enable=False, pressure_counter=None, next_period=self._next_period
         )
-        return answers(before, self._state, command, now_ns, self._messages, self._key, NO_BUNDLE)
-
-    def status(self) -> EcuStatus:
-        """Return the health counters after the latest step."""
-        return self._state.status(NO_BUNDLE)
+        return answers(before, command, self.state.status(bundle_hash=0), now_ns, self._messages, self._key)
 
 
 _NO_RELEASE: Final = FailSafe(mode=OperatingMode.FAULT, reason=Reason.NO_RELEASE, enable_request=False)

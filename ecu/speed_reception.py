@@ -97,8 +97,7 @@ class AirSpeed:
             return state if state.driven == 0 else replace(state, driven=0)
         if window is None:
             return state
-        driven = min(state.driven + 1, FIRST_PERIOD)
-        seen = features(window)
+        driven, seen = min(state.driven + 1, FIRST_PERIOD), features(window)
         before = np.zeros(len(seen)) if driven == 1 else state.means
         means = before + (seen - before) / min(driven, MEAN_PERIODS)
         correction = state.correction
@@ -181,7 +180,7 @@ class SpeedReception:
             state = replace(state, ratio=None)
         frame = reception.live
         stated = None if frame is None else self.message.parse(frame.data[: spec.protected])
-        if frame is not None and stated is not None and stated.speed_m_per_s is not None:
+        if frame is not None and stated is not None:
             state = self._believed(state, stated, frame.timestamp_ns - stated.age_ns, now_ns)
         if now_ns - state.measured_ns > self._oldest_ns or state.ratio is None:
             return replace(state, ratio=None)
@@ -222,10 +221,6 @@ class SpeedReception:
             most = self.config.most_acceleration * max((now_ns - state.measured_ns) * 1e-9, SHORTEST_S)
             if abs(stated.speed_m_per_s - state.ratio * self.design.speed) > most:
                 return state
-        density = stated.density_kg_per_m3
-        return replace(
-            state,
-            ratio=stated.speed_m_per_s / self.design.speed,
-            density=self.design.density if density is None else density,
-            measured_ns=measured_ns,
-        )
+        density = self.design.density if stated.density_kg_per_m3 is None else stated.density_kg_per_m3
+        ratio = stated.speed_m_per_s / self.design.speed
+        return replace(state, ratio=ratio, density=density, measured_ns=measured_ns)

@@ -52,13 +52,8 @@ class StepTiming:
         fault = None
         if too_often or away:
             fault = Reason.DEADLINE if whole > 0 else Reason.CLOCK
-        return StepTiming(
-            step_ns=now_ns,
-            lag_ns=(lag_ns - whole * period_ns) * 7 // 8,
-            off_time=off_time,
-            skipped=max(0, whole),
-            fault=fault,
-        )
+        rest_ns = (lag_ns - whole * period_ns) * 7 // 8
+        return StepTiming(step_ns=now_ns, lag_ns=rest_ns, off_time=off_time, skipped=max(0, whole), fault=fault)
 
 
 def lengthened(history: int, newest: bool, most: int) -> int:

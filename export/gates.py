@@ -4,10 +4,8 @@ The first gate computes the same control steps with the reference and with the l
 float32 has about 7 digits, and a roll-out of 25 steps with layer norms raises rounding errors to about 1e-6 in a force
 of order 1. Adam moves an action by about the learning rate per iteration, whatever the gradient's size, so most actions
 agree to 1e-7. But if a component of the gradient is near Adam's epsilon, or the two results lie on different sides of a
-kink of |Cl| or max Cd, the moves differ by a part of the learning rate.
-
-The second gate limits the differences that int8 weights cause in actions and in cost. The program with float weights
-and the lowering use the same windows and previous plans. The float program's model computes the cost of both plans.
+kink of |Cl| or max Cd, the moves differ by a part of the learning rate. The second gate limits the differences that
+int8 weights cause in actions and in cost.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -25,13 +23,11 @@ from export.reference.model import encode
 from export.reference.mpc import control_step, evaluate, starting_plan
 
 SPEEDS: Final = (1.0, 0.6, 1.4)
-"""Speeds of the vehicle, as ratios to the design speed. The test cases use these speeds in turn if the program depends
-on the speed."""
+"""Speeds of the vehicle, as ratios to the design speed; used in turn in the test cases if plans depend on it."""
 LIMITS: Final = (1.0, 0.8, 0.3, 1.2, 0.55)
 """Bounds on the action's magnitude |a|, as fractions of the controller's bound; used in turn in the test cases."""
 BEYOND: Final = 100.0
-"""Factor by which every fourth test case multiplies the weights of effort and lift. The weights are then outside the
-range for which the prior was trained."""
+"""Factor of the weights of effort and lift in every fourth test case, beyond the range of the prior's training."""
 MOVE: Final = 5e-3
 """Largest allowed difference of an action, as a fraction of Adam's largest move (iterations * learning rate). With the
 paper's settings, this difference is 2.5e-5 U_inf W."""
@@ -39,8 +35,6 @@ FORCE: Final = 1e-4
 """Largest allowed difference of a predicted Cd or Cl, divided by the largest force, or by 1 if 1 is larger."""
 COST: Final = 1e-4
 """Largest allowed difference of a cost term or the cost J, divided by the largest term or J, or by 1 if 1 is larger."""
-
-
 QUANTISATION_LIMITS: Final[Mapping[str, float]] = {"rms_action_error": 1e-3, "max_cost_gap": 1e-3}
 """Limits for two results of `compare_answers` with int8 weights. The rms error of the commanded action a_t, in U_inf W,
 may be a fifth of the largest move of an action in a control step (iterations * learning rate, 5e-3 with the paper's
@@ -52,8 +46,7 @@ Figures = dict[str, float]
 
 
 class ControlCase(NamedTuple):
-    """The arguments of `Controller.control_step` in order. All are representable in float32, so that the reference
-    and the lowering use the same numbers."""
+    """The arguments of `Controller.control_step` in order, all of them exact in float32."""
 
     window: Array
     plan: Array
@@ -107,18 +100,14 @@ def check_lowering(program: ControllerProgram, lowering: Controller, name: str, 
         action, force = np.abs(found.plan - expected.plan).max(), _relative(found.forces, expected.forces)
         terms, cost = _relative(found.terms, expected.terms), _relative(found.cost, expected.cost)
         differences.append((action, force, max(terms, cost)))
-    action, force, cost = (float(value) for value in np.max(differences, axis=0))
-    for figure, difference, allowed in (
-        ("action", action, MOVE * program.mpc.iterations * program.mpc.learning_rate),
-        ("force", force, FORCE),
-        ("cost", cost, COST),
-    ):
-        # The comparison is written so that NaN fails the gate too.
-        if not difference <= allowed:
+    most = {"action": MOVE * program.mpc.iterations * program.mpc.learning_rate, "force": FORCE, "cost": COST}
+    largest: Figures = dict(zip(most, np.max(differences, axis=0).tolist(), strict=True))
+    for figure, allowed in most.items():
+        if not largest[figure] <= allowed:  # NaN fails, too
             raise ExportError(
-                f"{name} and reference differ by {difference:.2g} in {figure}; at most {allowed:.2g} is allowed"
+                f"{name} and reference differ by {largest[figure]:.2g} in {figure}; at most {allowed:.2g} is allowed"
             )
-    return {"cases": len(differences), "action": action, "force": force, "cost": cost}
+    return {"cases": len(differences), **largest}
 
 
 def _relative(found: Array | float, expected: Array | float) -> float:
@@ -153,10 +142,8 @@ def compare_answers(
     Errors of the commanded action a_t and of all actions of a plan are in U_inf W. The cost gap is J(quantised plan) -
     J(float plan); the float program computes both. The gap is positive if the quantised plan is worse.
     """
-    h = program.mpc.horizon
-    plan, free = np.zeros(h), np.ones(h)
-    weights = np.array(program.mpc.weights.as_tuple())
-    errors, gaps = [], []
+    plan, free = np.zeros(program.mpc.horizon), np.ones(program.mpc.horizon)
+    weights, errors, gaps = np.array(program.mpc.weights.as_tuple()), list[Array](), list[float]()
     for number, (window, exact) in enumerate(zip(windows, exact_steps, strict=True)):
         asked = _asked(program, number)
         rounded = answer(window, plan, free, *asked)
@@ -180,7 +167,7 @@ def compare_answers(
 
 def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float, float | None]:
     """Return cost weights, speed and limit for the window with this number; None stands for the program's own value. If
-    the program has a prior, every second window gets weights and a limit in the middle of the prior's range."""
+    the program has a prior, those of every second window are in the middle of the prior's range."""
     speed, own = case_speed(program, number), program.mpc.weights
     if program.prior is None or number % 2 == 0:
         return None, speed, None
@@ -191,12 +178,10 @@ def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float
 
 
 def check_quantisation(figures: Figures, limits: Mapping[str, float], *, name: str = "int8 weights") -> None:
-    """Raise ExportError if a figure exceeds its limit; the message states the name of the compared lowering and the
-    exceeded figure."""
+    """Raise ExportError if a figure exceeds its limit; the message states lowering and figure."""
     for figure, allowed in limits.items():
         found = figures[figure]
-        # The comparison is written so that NaN fails the gate too.
-        if not found <= allowed:
+        if not found <= allowed:  # NaN fails, too
             raise ExportError(
                 f"{name}: {figure} is {found:.2g}; at most {allowed:.2g} is allowed. "
                 "Train longer, or export with --precision float32"

@@ -10,7 +10,6 @@ A program is rounded with error feedback (`quantise_on`), which needs inputs of 
 recorded windows: the encoder runs over the windows. Dynamics and decoder run over roll-outs from every window's latent
 state with a few plans: zero, full amplitude in either direction, random plans, and random walks that resemble an
 optimised plan. The integer scales of an int8 lowering's activations follow from the largest magnitudes in these inputs.
-Biases are not corrected by the mean of the remaining error: after error feedback, this would gain nothing.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -63,8 +62,7 @@ def quantise_matrix(weight: Array) -> Int8Matrix:
 def row_scales(weight: Array) -> npt.NDArray[np.float32]:
     """Return the scale of every row: the row's largest magnitude divided by 127, or 1 for a row of zeros."""
     largest = np.abs(weight).max(axis=1)
-    # The lower bound ensures that the scale is a normal float32. With a smaller scale, the products of the row would
-    # vanish in float32 anyway.
+    # The scale must be a normal float32; with a smaller scale, the row's products would vanish in float32 anyway.
     return np.where(largest > 0, np.maximum(largest / QMAX, np.finfo(np.float32).tiny), 1.0).astype(np.float32)
 
 
@@ -79,16 +77,14 @@ class RoundedProgram:
 
     @classmethod
     def of(cls, source: ControllerProgram, rounding: Callable[[str, Array], Int8Matrix]) -> "RoundedProgram":
-        """Round every matrix with `rounding(name, matrix)`. Raises ExportError for a matrix that float32 cannot
-        hold."""
+        """Round every matrix with `rounding(name, matrix)`. Raises ExportError if float32 cannot hold it."""
         stored: dict[str, Int8Matrix] = {}
 
         def change(name: str, weight: Array) -> Array:
             as_float32(weight, name)  # raises ExportError if float32 cannot hold a weight; the scales are float32
             rounded = rounding(name, weight)
             dequantised = rounded.dequantised().astype(np.float64)
-            # The stored scale is a row's largest dequantised weight divided by 127. In one of 128 rows, it differs by
-            # one float32 ulp from the scale with which the row was rounded.
+            # In one of 128 rows, the stored scale differs by one float32 ulp from the scale used for rounding.
             stored[name] = Int8Matrix(values=rounded.values, scales=row_scales(dequantised))
             return dequantised
 
@@ -125,9 +121,8 @@ class RoundedEstimator:
 def rounded_estimator(network: EstimatorNetwork) -> RoundedEstimator:
     """Round each weight of a network to the nearest integer; a network that is already rounded does not change."""
     matrices = [quantise_matrix(weight) for weight, _ in network.layers]
-    layers = [
-        (matrix.dequantised().astype(float), bias) for matrix, (_, bias) in zip(matrices, network.layers, strict=True)
-    ]
+    pairs = zip(matrices, network.layers, strict=True)
+    layers = [(matrix.dequantised().astype(float), bias) for matrix, (_, bias) in pairs]
     return RoundedEstimator(network=replace(network, layers=layers), matrices=matrices)
 
 
@@ -150,9 +145,7 @@ def quantise_on(weight: Array, inputs: Array) -> Int8Matrix:
     inverse = np.linalg.inv(covariance + damping * np.eye(len(covariance)))
     upper = np.linalg.cholesky(inverse).T
 
-    rest = weight.copy()
-    steps = np.zeros_like(weight)
-    largest = np.abs(weight).argmax(axis=1)
+    rest, steps, largest = weight.copy(), np.zeros_like(weight), np.abs(weight).argmax(axis=1)
     for j in range(weight.shape[1]):
         rounded = np.clip(np.rint(rest[:, j] / scales), -QMAX, QMAX)
         steps[:, j] = np.where(largest == j, nearest.values[:, j], rounded)
@@ -162,8 +155,7 @@ def quantise_on(weight: Array, inputs: Array) -> Int8Matrix:
 
 
 def rounded_on(program: ControllerProgram, windows: Sequence[Array]) -> RoundedProgram:
-    """Round a program's weights with `quantise_on`, using recorded windows (L, S+1) of L rows and S sensors. Raises
-    ExportError if there are no windows."""
+    """Round weights with `quantise_on` and recorded windows (L, S+1). Raises ExportError without windows."""
     inputs = layer_inputs(program, windows)
     return RoundedProgram.of(program, lambda name, weight: quantise_on(weight, inputs[name]))
 
@@ -176,8 +168,7 @@ def activation_ranges(program: ControllerProgram, windows: Sequence[Array]) -> d
 def layer_inputs(program: ControllerProgram, windows: Sequence[Array]) -> dict[str, Array]:
     """Return each layer's inputs, one input vector per row, by its matrix's name (`export.program.controller_program`).
     "decoder.blocks.0.elu" and so on are the outputs of the ELUs in the decoder's blocks. The rows of dynamics and
-    decoder cover all steps of all roll-outs. `windows` are (L, S+1) of L rows and S sensors. Raises ExportError if
-    there are no windows."""
+    decoder cover all steps of all roll-outs. `windows` are (L, S+1). Raises ExportError if there are none."""
     if not windows:
         raise ExportError("int8 calibration: there are no windows from which to measure activations")
     encoder = encoder_layers(program, np.array(windows))
@@ -214,15 +205,8 @@ def _of_prior(prior: PriorWeights, windows: Sequence[Array]) -> dict[str, Array]
 def _plans(program: ControllerProgram, rng: np.random.Generator) -> Array:
     h, limit = program.mpc.horizon, program.action_limit
     wandering = np.cumsum(_STRIDE * limit * rng.standard_normal((_WANDERING, h)), axis=1)
-    return np.array(
-        [
-            np.zeros(h),
-            np.full(h, limit),
-            np.full(h, -limit),
-            *rng.uniform(-limit, limit, (_RANDOM, h)),
-            *np.clip(wandering, -limit, limit),
-        ]
-    )
+    constant = (np.zeros(h), np.full(h, limit), np.full(h, -limit))
+    return np.array([*constant, *rng.uniform(-limit, limit, (_RANDOM, h)), *np.clip(wandering, -limit, limit)])
 
 
 def _rows(values: Array) -> Array:

@@ -49,7 +49,6 @@ settings.load_profile("whole")
 
 SIGNING_KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
 """Of the bundles that tests sign; the tests that need it make it of the same bytes."""
-
 PROGRAM = "import sys; sys.modules['asammdf'] = None; from stillwake.__main__ import main; main()"
 STILLWAKE = (sys.executable, "-c", PROGRAM)
 """In a process of its own; without asammdf, which python-can imports for MF4 files in more time than all else takes."""
@@ -79,7 +78,6 @@ def kept_command(app: "typer.Typer") -> Any:
 @pytest.fixture
 def cli(monkeypatch, capsys) -> Callable[..., Outcome]:
     """Run `stillwake` with these arguments, in this process; what typer makes of the app's signatures is kept."""
-
     import stillwake.__main__
 
     monkeypatch.setattr("typer.main.get_command", kept_command)
@@ -156,7 +154,6 @@ def _short_recording(folder: Path) -> None:
 
 @pytest.fixture(scope="session")
 def sources(release) -> dict[str, bytes]:
-    """Of its ECU in C."""
     from ecu.in_c.c_ecu import ecu_sources
     from tests.ecu.in_c.exported import CONFIG
 
@@ -207,8 +204,7 @@ def model_of(program: "ControllerProgram", **tensors: "Array") -> "ModelFolder":
 def shared_wake(tmp_path_factory: pytest.TempPathFactory) -> Iterator["TruckWake"]:
     """Of one test process; built before any other plant, so that only one of the processes compiles the kernels and
     their adjoint. Folders whose tests run the plant ask for it in their `conftest.py`. From then on, wakes of the same
-    grid and body share what measures on them, which is most of the time that one takes to make, and never changes.
-    """
+    grid and body share what measures on them, which is most of the time that one takes to make, and never changes."""
     from wake.truck.tape import Tape, no_weights
     from wake.truck.truck_wake import TruckWake
 
@@ -276,7 +272,6 @@ def sound(random_release, tmp_path_factory) -> Path:
 
 @pytest.fixture
 def signed(sound, tmp_path) -> Path:
-    """A copy of it."""
     return shutil.copytree(sound, tmp_path / "bundle")
 
 

@@ -23,15 +23,11 @@ from train.selection.shap_ranking import SensorChoice
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrainedModel:
-    """The networks on the CPU in evaluation mode, and their provenance.
+    """The networks on the CPU in evaluation mode, and their provenance (`contract.model.model_folder.Description`).
 
     Attributes:
-        teacher: encoder on all sensors, dynamics and decoder.
-        slim: encoder on `sensors`, in their order.
+        teacher, slim: networks with all sensors, in the order of `layout`, and encoder on `sensors`, in their order.
         predictor: narrower dynamics and decoder for the vehicle; None if the vehicle uses the teacher's networks.
-        scaling: scaling of all pressures, the action and the forces.
-        dataset_sha256, versions: SHA-256 and versions as in `contract.model.model_folder.Description`.
-        layout: layout of all sensors, in the order of the scaling and of the teacher's inputs.
         prior: tensors of the plan's prior by name (`train.refinement`); None if the model is not refined.
     """
 
@@ -50,8 +46,7 @@ class TrainedModel:
 
 
 def save(path: Path, model: TrainedModel) -> None:
-    """Write the model folder, replacing an existing model. Raises StillwakeError if the folder cannot be written or
-    contains something other than a model."""
+    """Write or replace the model folder. Raises StillwakeError if the folder cannot be written or is no model."""
     description = Description(
         config=model.config,
         scaling=model.scaling,
@@ -62,7 +57,9 @@ def save(path: Path, model: TrainedModel) -> None:
         versions=model.versions,
         layout=model.layout,
     )
-    model_folder.write(path, description, _tensors(model))
+    weights = _weights(_parts(model.teacher, model.slim, model.predictor))
+    of_prior = {f"{PRIOR}.{key}": value for key, value in (model.prior or {}).items()}
+    model_folder.write(path, description, {k: v.detach().cpu().numpy() for k, v in weights.items()} | of_prior)
 
 
 def load(path: Path) -> TrainedModel:
@@ -97,7 +94,6 @@ def load(path: Path) -> TrainedModel:
 
 
 def _parts(teacher: WakeModel, slim: Encoder, predictor: Predictor | None) -> Mapping[str, nn.Module]:
-    """Return each network by the prefix of its weights' names in the file."""
     parts: dict[str, nn.Module] = dict(teacher.named_children())
     parts["slim"] = slim
     if predictor is not None:
@@ -105,27 +101,18 @@ def _parts(teacher: WakeModel, slim: Encoder, predictor: Predictor | None) -> Ma
     return parts
 
 
-def _tensors(model: TrainedModel) -> Tensors:
-    parts = _parts(model.teacher, model.slim, model.predictor)
-    return {
-        f"{name}.{key}": value.detach().cpu().numpy()
-        for name, network in parts.items()
-        for key, value in network.state_dict().items()
-    } | {f"{PRIOR}.{key}": value for key, value in (model.prior or {}).items()}
+def _weights(parts: Mapping[str, nn.Module]) -> dict[str, torch.Tensor]:
+    return {f"{name}.{key}": value for name, part in parts.items() for key, value in part.state_dict().items()}
 
 
 def _fill(path: Path, parts: Mapping[str, nn.Module], tensors: Tensors) -> None:
-    expected = {f"{name}.{key}": value for name, part in parts.items() for key, value in part.state_dict().items()}
+    expected = _weights(parts)
     for key in sorted(expected.keys() | tensors.keys()):
+        where = f"model {path}: {MODEL_WEIGHTS}: {key}"
         if key not in tensors or key not in expected:
-            raise ModelError(
-                f"model {path}: {MODEL_WEIGHTS}: {key} is {'missing' if key in expected else 'not expected'}"
-            )
-        if tensors[key].shape != tuple(expected[key].shape):
-            shape, needed = tuple(tensors[key].shape), tuple(expected[key].shape)
-            raise ModelError(
-                f"model {path}: {MODEL_WEIGHTS}: {key} has shape {shape}, but the configuration needs {needed}"
-            )
+            raise ModelError(f"{where} is {'missing' if key in expected else 'not expected'}")
+        if (shape := tuple(tensors[key].shape)) != (needed := tuple(expected[key].shape)):
+            raise ModelError(f"{where} has shape {shape}, but the configuration needs {needed}")
     for name, network in parts.items():
         network.load_state_dict({key: torch.tensor(tensors[f"{name}.{key}"]) for key in network.state_dict()})
         network.eval()

@@ -3,7 +3,7 @@
 import hashlib
 import platform
 import shutil
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
@@ -61,13 +61,10 @@ def train_all(
         notice: called with a line for every training episode that is too short, and if the number of threads has
             changed.
 
-    Raises:
-        DatasetError: the recording is unreadable or unsuitable (`contract.recording.findings`), or the checkpoint
-            belongs to another recording.
-        ConfigError: unknown device, CUDA absent, unknown or repeated sensor, checkpoint of another configuration, or
-            fewer than one thread.
-        TrainingError: the loss or a weight is not finite.
-        StillwakeError: `output` cannot be written.
+    Raises DatasetError if the recording is unreadable or unsuitable (`contract.recording.findings`), or the checkpoint
+    belongs to another recording; ConfigError for an unknown device, absent CUDA, an unknown or repeated sensor, a
+    checkpoint of another configuration, or fewer than one thread; TrainingError if the loss or a weight is not finite;
+    StillwakeError if `output` cannot be written.
     """
     with torch_threads(threads):
         where = device_named(device)
@@ -87,8 +84,8 @@ def train_all(
         checkpoints = Checkpoints.of(output, Identity.of(config, digest, device, chosen, threads), resume)
         used = sorted({*unfinished.threads(checkpoints.folder), threads})
         if len(used) > 1:
-            notice(f"torch used {_listed(n for n in used if n != threads)} threads, now {threads}: results may differ")
-
+            before = ", ".join(str(n) for n in used if n != threads)
+            notice(f"torch used {before} threads, now {threads}: results may differ")
         rows = train_rows.to(where)
         teacher = fit_joint(rows, config, progress=progress, checkpoints=checkpoints)
         if chosen is None:
@@ -107,7 +104,7 @@ def train_all(
             dataset_sha256=digest,
             metrics=evaluate_model(teacher, slim, predictor, test_rows, layout.indices(names)),
             ranking=choice,
-            versions={**versions(), THREADS: _listed(used)},
+            versions={**versions(), THREADS: ", ".join(map(str, used))},
             layout=layout,
         )
         model_store.save(output, trained)
@@ -150,7 +147,6 @@ def _check_selection(config: Config, layout: SensorLayout, chosen: Sequence[str]
 def _choice(
     encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress
 ) -> tuple[tuple[str, ...], SensorChoice]:
-    """Return the names of the chosen sensors, and a description of the choice."""
     settings = config.train
     if settings.selection == "shap":
         state = checkpoints.load(Phase.RANK)
@@ -163,16 +159,11 @@ def _choice(
     state = checkpoints.load(Phase.SELECT)
     if state is None:
         names = select(settings.selection, encoder, rows, settings.sensors, settings=settings, progress=progress)
-        # The order is stored although it is cheap to compute. The values of mirror-image sensors differ only by
-        # rounding, so a resumed run that rounds differently may choose another order.
+        # The values of mirror-image sensors differ only by rounding, so a resumed run might choose another order.
         checkpoints.save(Phase.SELECT, {"order": torch.from_numpy(rows.layout.indices(names))})
     else:
         names = tuple(rows.layout.names[index] for index in state["order"].tolist())
     return names, SensorChoice(method=settings.selection, order=names)
-
-
-def _listed(numbers: Iterable[int]) -> str:
-    return ", ".join(map(str, numbers))
 
 
 def versions() -> dict[str, str]:

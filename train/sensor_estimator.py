@@ -1,7 +1,5 @@
-"""The training of the network for the ECU's sensor check. The network estimates each pressure of a controller from the
-other pressures.
-
-The network learns from the recording's "train" episodes and their mirror images. Noise is added to the readings. Some
+"""The training of the network for the ECU's sensor check, which estimates each pressure of a controller from the other
+pressures. It learns from the recording's "train" episodes and their mirror images, with noise on the readings. Some
 rows repeat the readings of the previous row, as on an ECU that loses frames.
 """
 
@@ -20,8 +18,7 @@ from contract.recording.dataset import Dataset
 from train.fitting.fit import torch_threads
 
 _WIDTHS: Final = (64, 64)
-"""Widths of the hidden layers. A width of 192 gives slightly smaller residuals, but is too large for a
-microcontroller."""
+"""Widths of the hidden layers. A width of 192 is too large for a microcontroller."""
 EPOCHS: Final = 60.0
 BATCH: Final = 1024
 LEARNING_RATE: Final = 3e-3
@@ -50,8 +47,7 @@ def fit_estimator(
 ) -> EstimatorNetwork:
     """Fit the estimator for a controller's sensors and window in `epochs` passes over the training windows, with
     `threads` of torch's threads. Raises ConfigError if the recording lacks a sensor, or `threads` is below 1;
-    DatasetError if all training episodes are too short, or a pressure or the action is constant. `progress` is called
-    with (finished batches, all batches)."""
+    DatasetError if all episodes are short, or a value is constant. `progress` is called with (done, all) batches."""
     columns = recording.layout.indices(sensors)
     mirror = None if recording.layout.mirror is None else recording.layout.mirror[columns]
     used = [item for item in recording.with_role("train") if len(item) > window]
@@ -68,17 +64,11 @@ def fit_estimator(
     mean, std = together.mean(axis=0), together.std(axis=0)
     mean[-1] = 0.0
     with torch_threads(threads):
-        return _fit(learned, mean, std, window, epochs=epochs, progress=progress)
+        return _fit(learned, mean, std, window, epochs, progress)
 
 
 def _fit(
-    learned: Sequence[Array],
-    mean: Array,
-    std: Array,
-    window: int,
-    *,
-    epochs: float,
-    progress: Callable[[int, int], None],
+    learned: Sequence[Array], mean: Array, std: Array, window: int, epochs: float, progress: Callable[[int, int], None]
 ) -> EstimatorNetwork:
     generator = torch.Generator().manual_seed(SEED)
     sensors = len(mean) - 1
@@ -119,22 +109,19 @@ def _fit(
 
 
 def _inputs(seen: Tensor, hidden: Tensor) -> Tensor:
-    """Return the network's input, (B, L (S+1) + S), from B windows of S sensors and the action, (B, L, S+1), and flags
-    (B, S). A flag of 1 hides a sensor."""
+    """Return the network's input, (B, L (S+1) + S), from windows (B, L, S+1) and flags (B, S) that hide sensors."""
     kept = torch.cat([1.0 - hidden, torch.ones(len(hidden), 1)], dim=1)
     return torch.cat([(seen * kept[:, None]).flatten(1), hidden], dim=1)
 
 
 def _blown(seen: Tensor, middle: Tensor, generator: torch.Generator) -> Tensor:
-    """Rescale B windows of S sensors, (B, L, S+1), as if the air's dynamic pressure differed from its value at the
-    vehicle's speed; `middle` (S,) is the sensors' mean."""
+    """Rescale windows as if the air's dynamic pressure differed from its value at the vehicle's speed."""
     share, is_blown = torch.rand(2, len(seen), 1, 1, generator=generator)
     factor = torch.square(1.0 + GUST * (2.0 * share - 1.0) * (is_blown < 0.5))
     return torch.cat([factor * (seen[:, :, :-1] + middle) - middle, seen[:, :, -1:]], dim=2)
 
 
 def _disturbed(seen: Tensor, unit: Tensor, generator: torch.Generator) -> Tensor:
-    """Return B windows of S sensors, (B, L, S+1), with noise on the readings and with repeated rows."""
     batch, length, columns = seen.shape
     level = NOISE * torch.square(torch.rand(batch, 1, 1, generator=generator))
     readings = seen[:, :, :-1] + level * unit * torch.randn(batch, length, columns - 1, generator=generator)

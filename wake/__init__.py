@@ -1,2 +1,1 @@
-"""The plant: a two-dimensional direct numerical simulation of the truck's wake, a Gymnasium environment of this
-simulation, and a recorder of data sets."""
+"""The plant: a two-dimensional direct numerical simulation of the truck's wake, an environment, and a recorder."""

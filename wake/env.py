@@ -55,14 +55,10 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         render_mode: None, or "rgb_array" for pictures of the vorticity, the jets and the observed sensors.
         body: the truck by default; another body needs `start`.
 
-    Attributes:
-        plant: the `TruckWake` of the flow; `wake.truck.tape.Tape(env.unwrapped.plant)` differentiates it.
-
-    Raises:
-        ConfigError: if a sensor does not exist or is named twice, `sensor_names` is a single string, or a setting is
-            out of its range.
-        PlantError: if the start state belongs to another plant or is not at the start of a control period, or if the
-            time step is too large.
+    `plant` is the `TruckWake` of the flow; `wake.truck.tape.Tape(env.unwrapped.plant)` differentiates it. Raises
+    ConfigError if a sensor does not exist or is named twice, `sensor_names` is a single string, or a setting is out of
+    its range; PlantError if the start state belongs to another plant or is not at the start of a control period, or if
+    the time step is too large.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  (Gymnasium's own convention)
@@ -109,7 +105,6 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         """Start an episode. Raises ConfigError if an option does not exist or is out of its range; PlantError if the
         start state belongs to another plant or is not at the start of a control period."""
         super().reset(seed=seed)
-        # On the first use after an installation, this reset compiles the solver; the notice explains the long wait.
         notice = Timer(_SILENCE_S, print, ["compiling the flow solver, once: up to a minute"], {"file": sys.stderr})
         notice.daemon = True
         notice.start()
@@ -133,7 +128,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         if not np.isfinite(commanded):
             raise PlantError(f"action {commanded}: must be finite")
         limit = self.plant.config.action_limit
-        # Rounding to float32 can increase the bound slightly. An action at the rounded bound is not counted as clipped.
+        # Rounding to float32 can increase the bound slightly.
         clipped = bool(abs(commanded) > np.float32(limit))
         sample = self.plant.advance(float(np.clip(commanded, -limit, limit)))
         self._step_count += 1
@@ -173,24 +168,19 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
             phase = int(self.np_random.integers(most + 1))
         if not isinstance(phase, int | np.integer) or not 0 <= phase <= most:
             raise ConfigError(f"phase_steps = {phase!r}: must be a whole number from 0 to max_phase_steps = {most}")
-        return self._phase(int(phase))
+        if phase >= len(self._phases):
+            self.plant.reset(self._phases[-1])
+        while phase >= len(self._phases):
+            self.plant.advance(0.0)
+            self._phases.append(self.plant.state())
+        return self._phases[phase]
 
     def _checked_start(self, start: Any) -> State:
         if not isinstance(start, State):
             raise ConfigError(f"start is a {type(start).__name__}: must be a wake.truck.state.State")
-        into = start.substep % self.plant.config.substeps
-        if into:
+        if into := start.substep % self.plant.config.substeps:
             raise PlantError(f"start is {into} substeps inside a control period: must be at a period's start")
         return start
-
-    def _phase(self, steps: int) -> State:
-        """Return the flow that follows the start state after `steps` control periods without control."""
-        if steps >= len(self._phases):
-            self.plant.reset(self._phases[-1])
-        while steps >= len(self._phases):
-            self.plant.advance(0.0)
-            self._phases.append(self.plant.state())
-        return self._phases[steps]
 
     def _observe(self, sample: Sample) -> Observation:
         return sample.Cp[self._columns].astype(np.float32)

@@ -1,6 +1,6 @@
 """The functions that open the plant of a closed loop by the plant's name."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +10,7 @@ from contract.config.tree import Config
 from contract.errors import PlantError
 from wake.plant.protocol import LivePlant
 from wake.solver.grid import box_grid
-from wake.truck.develop import SETTLE_TIME, moved
+from wake.truck.develop import SETTLE_TIME, FlowProgress, moved
 from wake.truck.state import State, check_origin, developed_state, develops, load_state, start_name
 from wake.truck.truck_wake import TruckWake
 
@@ -23,7 +23,7 @@ def open_plant(
     output: Path,
     config: Config,
     duration: float = 0.0,
-    progress: Callable[[float, float], None] = lambda t, total: None,
+    progress: FlowProgress = lambda t, total: None,
     *,
     start: Path | None = None,
 ) -> Iterator[LivePlant]:
@@ -59,9 +59,7 @@ def open_plant(
         yield foam
 
 
-def own_wake(
-    config: Config, progress: Callable[[float, float], None] = lambda t, total: None, *, start: Path | None = None
-) -> TruckWake:
+def own_wake(config: Config, progress: FlowProgress = lambda t, total: None, *, start: Path | None = None) -> TruckWake:
     """Return the developed wake of stillwake's solver at t = 0. Arguments and errors are as for `open_plant`."""
     state = _start(start, config)
     wake = TruckWake(config.flow, body=config.body)
@@ -73,8 +71,6 @@ def own_wake(
 
 
 def _start(path: Path | None, config: Config) -> State:
-    """Return the start state with its clock at zero and its jets shut. Raises PlantError if state and settings differ
-    in body or Reynolds number."""
     state = developed_state() if path is None else load_state(path)
     check_origin(state.origin, config.body)
     reynolds = config.flow.reynolds

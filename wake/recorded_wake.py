@@ -57,8 +57,7 @@ class RecordedWake(SteppedPlant):
         )
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """Advance as `wake.plant.protocol.Plant.advance_to` does. Raises PlantError for a substep that has already
-        passed or belongs to another period."""
+        """Advance as `Plant.advance_to` does. Raises PlantError for a substep of the past or of another period."""
         steps, _, self._action = self._ramp(substep, action)
         self._substep += steps
 

@@ -40,9 +40,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
             process may use.
         settings: arguments of `TruckWakeEnv`, for all environments.
 
-    Raises:
-        ConfigError: if `num_envs` or `threads` is below 1, or if `TruckWakeEnv` raises it.
-        PlantError: if `TruckWakeEnv` raises it.
+    Raises ConfigError if `num_envs` or `threads` is below 1, and the errors of `TruckWakeEnv`.
     """
 
     def __init__(
@@ -93,15 +91,13 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
         return [one.result() for one in self._begun(work, arguments)]
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Stop the threads, and close the environments."""
         super().close_extras(**kwargs)
         if self._pool is not None:
             self._pool.shutdown()
             self._pool = None
 
     def __getstate__(self) -> dict[str, Any]:
-        # Threads cannot be copied, so a copy starts its own threads.
-        return self.__dict__ | {"_pool": None}
+        return self.__dict__ | {"_pool": None}  # threads cannot be copied
 
     def _begun(self, work: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[Future[T]]:
         """Start the calls; return their futures when all have ended, so that no error is raised while a flow runs."""
@@ -136,12 +132,8 @@ def _one(settings: dict[str, Any]) -> _Ahead:
 class BatchTape(CopiedWhole):
     """A set of tapes (`wake.truck.tape.Tape`), one for each wake of a vector environment. The tapes advance together,
     one control period at a time, on the environment's threads. They advance only the flows: the environment counts no
-    steps and ends no episode. A copy has its own environment.
-
-    Args:
-        env: the environment, after `reset`; every wake must be at the beginning of a control period.
-        memory_mb: limit of the stored data of all tapes, in 10^6 bytes.
-    """
+    steps and ends no episode. Every wake must be at the beginning of a control period, as after `reset`. `memory_mb` is
+    the limit of the stored data of all tapes, in 10^6 bytes. A copy has its own environment."""
 
     def __init__(self, env: TruckWakeVectorEnv, memory_mb: float = 2000.0) -> None:
         self._env = env
@@ -150,8 +142,7 @@ class BatchTape(CopiedWhole):
     def advance(self, actions: Array) -> list[Sample]:
         """Advance each of the N flows by a control period, in which the jets ramp to the flow's action; `actions` has
         shape (N,). Raises PlantError as `Tape.advance` does."""
-        pairs = zip(self.tapes, map(float, actions), strict=True)
-        return self._env.at_once(Tape.advance, pairs)
+        return self._env.at_once(Tape.advance, zip(self.tapes, map(float, actions), strict=True))
 
     def back(self, weights: Sequence[Sample]) -> Array:
         """Go back by a control period on each tape; return the sensitivities to the N actions of this period, (N,).

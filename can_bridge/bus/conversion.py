@@ -19,8 +19,7 @@ def to_message(frame: Frame) -> can.Message:
 
 
 def frame_of(message: can.Message) -> Frame | Rejection:
-    """Return the frame in a python-can message, or the reason to reject the message. Never raises. The frame does not
-    state whether a CAN FD message had the bit-rate switch."""
+    """Return the frame in a message, or why there is none. Never raises. A frame does not state the bit-rate switch."""
     if message.is_error_frame:
         return Rejection.ERROR_FRAME
     if message.is_remote_frame:

@@ -24,9 +24,7 @@ class Heard(Counter[tuple[int, int]]):
                 self[frame.frame_id, len(frame.data)] += 1
 
 
-def line(
-    heard: Heard, wanted: MessageSpec, messages: MessageSet, rejected: Mapping[Rejection, int], *, sender: str
-) -> str:
+def line(heard: Heard, wanted: MessageSpec, messages: MessageSet, rejected: Counter[Rejection], *, sender: str) -> str:
     """Return a line with the most likely reason why no usable frame arrived in `SILENCE_S`.
 
     Args:
@@ -50,15 +48,14 @@ def line(
             usual = f"--set bus.frames={'fd' if other.command.spec.is_fd else 'classic'}"
             advice = "it has a key, --set bus.key=FILE" if other.command.spec.is_secured else usual
             return f"{opening}: the other node uses the messages for {other.name}: {advice}"
-    if rejected.get(Rejection.WRONG_FORMAT, 0):
+    if rejected[Rejection.WRONG_FORMAT]:
         there, here = ("classic", "fd") if wanted.is_fd else ("fd", "classic")
         return f"{opening}: the other nodes do not use bus.frames = {here}: --set bus.frames={there}"
     if ids:
         named = ", ".join(f"0x{i:03x}" for i in sorted(ids)[:MOST_NAMED])
         more = "" if len(ids) <= MOST_NAMED else f" and {len(ids) - MOST_NAMED} more"
         return f"{opening}: there is no {sender}; only other nodes send: {named}{more}"
-    foreign = {reason: count for reason, count in rejected.items() if count and reason is not Rejection.OWN}
-    unusable = [f"{count} {reason.value}" for reason, count in foreign.items()]
+    unusable = [f"{count} {why.value}" for why, count in rejected.items() if count and why is not Rejection.OWN]
     if unusable:
         return f"{opening}: there is no {sender}; the received frames cannot be used: {', '.join(unusable)}"
     return f"{opening}: no frame arrives: there is no {sender} on this bus, or bus.channel is wrong"

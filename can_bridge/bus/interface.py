@@ -20,8 +20,7 @@ class BusHealth:
     """The error state of a node's CAN controller.
 
     Attributes:
-        tx_errors, rx_errors: error counters. The controller is error-passive if a counter is above 127, and bus-off if
-            `tx_errors` is 256 or more.
+        tx_errors, rx_errors: error counters; error-passive if one is above 127, bus-off if `tx_errors` is above 255.
         bus_off: number of times that the controller went bus-off since power-on.
     """
 

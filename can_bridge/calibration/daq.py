@@ -7,7 +7,7 @@ ended period are not sent. So all frames that are sent for one event have the va
 """
 
 import struct
-from enum import IntEnum
+from enum import Enum
 from math import copysign
 from typing import Final
 
@@ -72,14 +72,8 @@ def cycle_of(period_ns: int) -> tuple[int, int]:
     return 255, 9
 
 
-class _Stage(IntEnum):
-    """The stage of the allocation. The commands of the allocation have a fixed order (ASAM MCD-1 XCP, part 2)."""
-
-    NOTHING = 0
-    FREED = 1
-    LISTS = 2
-    ODTS = 3
-    ENTRIES = 4
+_Stage = Enum("_Stage", "NOTHING FREED LISTS ODTS ENTRIES")
+"""The stages of the allocation, whose commands have a fixed order (ASAM MCD-1 XCP, part 2)."""
 
 
 class DaqLists:

@@ -25,13 +25,10 @@ class Segment:
 
     def __init__(self, reference: Calibration, limits: CalibrationLimits) -> None:
         limits.check(reference)
-        self.reference = reference
+        self.reference = self._working = self._taken = reference
         self.limits = limits
         self.page = Page.WORKING
-        self._working = reference
-        self._taken = reference
-        self._begun_at = 0
-        self._begun = b""
+        self._begun_at, self._begun = 0, b""
 
     @property
     def in_force(self) -> Calibration:
@@ -39,8 +36,7 @@ class Segment:
         return self._working if self.page is Page.WORKING else self.reference
 
     def read(self, page: Page, offset: int, length: int) -> bytes:
-        """Return bytes of a page, including the first bytes of a value that is only partly written. Raises ConfigError
-        for a range outside the segment."""
+        """Return bytes of a page, also of a partly written value; raises ConfigError beyond the end of the segment."""
         _check_range(offset, length)
         raw = bytearray((self._working if page is Page.WORKING else self.reference).pack())
         if page is Page.WORKING:

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from enum import IntEnum
 from hmac import compare_digest
-from typing import Final, Protocol, Self
+from typing import Final, Self
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 
 MAX_CTO: Final = 8
 """Largest number of bytes in a command or an answer: the size of a classic frame, which also fits CAN FD."""
@@ -24,13 +24,10 @@ ERROR: Final = 0xFE
 EVENT: Final = 0xFD
 """The values of the first byte of a packet to the tool: response, error and event."""
 STORED_EVENT: Final = 0x03
-"""The event that reports a stored calibration."""
 STORE_REQUEST: Final = 0x01
 """The bit for storing the calibration, in SET_REQUEST's mode and in GET_STATUS's session status."""
 DAQ_RUNNING: Final = 0x40
-"""The bit of the session status for a running measurement."""
 CRC_32: Final = 0x09
-"""The type of the checksum: the CRC-32 of Ethernet."""
 
 ECU_MODE: Final = 0x01
 XCP_MODE: Final = 0x02
@@ -130,23 +127,15 @@ XCP_KEY_LENGTH: Final = 16
 _PIECE: Final = MAX_CTO - 2
 
 
-class AnswersSeeds(Protocol):
-    """An object that knows the access key, such as `can_bridge.uds.security.AccessKey`."""
-
-    def answer(self, level: Level, seed: bytes) -> bytes:
-        """Return the key that is valid for a seed."""
-
-
-class WrongKey(Exception):  # noqa: N818  (a tool's wrong answer is not an error of this program)
-    """The refusal of a wrong key, which ends the connection."""
+SeedAnswer = Callable[[Level, bytes], bytes]
+"""A function that returns the key that is valid for a seed, such as `can_bridge.uds.security.AccessKey.answer`."""
 
 
 class XcpAccess:
     """The lock of the calibration resource, with the progress of a tool that unlocks the resource."""
 
-    def __init__(self, access: AnswersSeeds, random_bytes: Callable[[int], bytes]) -> None:
-        self._access = access
-        self._random_bytes = random_bytes
+    def __init__(self, answer: SeedAnswer, random_bytes: Callable[[int], bytes]) -> None:
+        self._answer, self._random_bytes = answer, random_bytes
         self.lock()
 
     @property
@@ -178,21 +167,20 @@ class XcpAccess:
         self._unsent = self._unsent[_PIECE:]
         return bytes([left]) + piece
 
-    def unlock(self, left: int, data: bytes) -> None:
-        """Process the next bytes of the key; `left` is the number of key bytes still to come, including these. Raises
-        Denied if bytes of the seed were not read or bytes of the key are missing; WrongKey for a complete wrong key."""
+    def unlock(self, left: int, data: bytes) -> bool:
+        """Process the next bytes of the key; `left` is the number of bytes still to come, including these. Return False
+        for a complete wrong key. Raises Denied if bytes of the seed were not read, or bytes of the key are missing."""
         if not self._seed or self._unsent or left != XCP_KEY_LENGTH - len(self._key):
             self._forget()
             raise Denied(Error.SEQUENCE)
         piece = data[: min(left, _PIECE)]
         deny_if(len(piece) < min(left, _PIECE), Error.CMD_SYNTAX)
         self._key += piece
-        if len(self._key) == XCP_KEY_LENGTH:
-            right = compare_digest(self._access.answer(Level.CALIBRATION, self._seed), self._key)
-            self._forget()
-            if not right:
-                raise WrongKey
-            self.is_unlocked = True
+        if len(self._key) < XCP_KEY_LENGTH:
+            return True
+        self.is_unlocked = compare_digest(self._answer(Level.CALIBRATION, self._seed), self._key)
+        self._forget()
+        return self.is_unlocked
 
     def _forget(self) -> None:
         self._seed = self._unsent = self._key = b""

@@ -13,7 +13,7 @@ from typing import Final
 from can_bridge.calibration import xcp
 from can_bridge.calibration.daq import EVENT_NAME, DaqLists
 from can_bridge.calibration.segment import ADDRESS, Page, Segment
-from can_bridge.calibration.xcp import MAX_CTO, AnswersSeeds, Command, Denied, Error, WrongKey, XcpAccess, deny_if
+from can_bridge.calibration.xcp import MAX_CTO, Command, Denied, Error, SeedAnswer, XcpAccess, deny_if
 from contract.controller.calibration import PACKED_BYTES, Calibration
 from contract.errors import ConfigError
 
@@ -30,11 +30,11 @@ class XcpSlave:
     """A slave with one connection at a time. `random_bytes` returns the given number of unpredictable bytes."""
 
     def __init__(
-        self, segment: Segment, access: AnswersSeeds, random_bytes: Callable[[int], bytes], *, period_ns: int
+        self, segment: Segment, answer: SeedAnswer, random_bytes: Callable[[int], bytes], *, period_ns: int
     ) -> None:
         self._segment = segment
         self.daq = DaqLists(period_ns)
-        self._access = XcpAccess(access, random_bytes)
+        self._access = XcpAccess(answer, random_bytes)
         self._last_ns = 0
         self._to_store: Calibration | None = None
         self._end()
@@ -62,10 +62,7 @@ class XcpSlave:
         try:
             return [self._answer(data)]
         except Denied as denied:
-            return [_error(denied.code)]
-        except WrongKey:
-            self._end()
-            return [_error(Error.ACCESS_LOCKED)]
+            return [bytes([xcp.ERROR, denied.code])]
 
     def _answer(self, data: bytes) -> bytes:
         try:
@@ -136,7 +133,9 @@ class XcpSlave:
         return bytes([xcp.RESPONSE]) + self._access.seed(data[1], data[2])
 
     def _unlock(self, data: bytes) -> bytes:
-        self._access.unlock(data[1], data[2:])
+        if not self._access.unlock(data[1], data[2:]):
+            self._end()
+            raise Denied(Error.ACCESS_LOCKED)
         return bytes([xcp.RESPONSE, self._access.protected])
 
     def _set_mta(self, data: bytes) -> bytes:
@@ -228,10 +227,6 @@ class XcpSlave:
             return measured
         _check_inside(address, length)
         return self._segment.read(self._page, address - ADDRESS, length)
-
-
-def _error(code: Error) -> bytes:
-    return bytes([xcp.ERROR, code])
 
 
 def _length(count: int, greatest: int) -> int:

@@ -36,8 +36,7 @@ class CountedFrame:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameStretch:
-    """The n frames that a sender sent without a restart. `index` is the number of control periods from the first frame
-    to each frame, (n,), increasing."""
+    """The n frames of a sender between restarts. `index` counts control periods from the first, (n,), increasing."""
 
     index: Index
     frames: tuple[CountedFrame, ...]
@@ -46,10 +45,6 @@ class FrameStretch:
     def time_s(self) -> Array:
         """The time of reception of each frame in s, (n,)."""
         return np.array([frame.time_s for frame in self.frames])
-
-    def between(self, a: int, b: int) -> "FrameStretch":
-        """Return the frames at the positions a to b - 1; `index` counts from the first of these frames."""
-        return FrameStretch(index=self.index[a:b] - self.index[a], frames=self.frames[a:b])
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -76,8 +71,7 @@ def without_repeats(frames: Sequence[CountedFrame], within_s: float) -> list[Cou
 def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> tuple[list[FrameStretch], int, int]:
     """Return the stretches of one message in the order of time, the number of repeated frames, and the number of
     misplaced frames. The counter of a misplaced frame fits neither the frames before it nor the frames after it.
-    `period_s` is the sender's period on the log's clock in s, known to a few per cent; the counter wraps after
-    `modulus` frames."""
+    `period_s` is the sender's period on the log's clock in s, to a few per cent; the counter's period is `modulus`."""
     once = without_repeats(frames, SLACK * period_s)
     parts = _parts(once, period_s, modulus)
     # Misplaced frames are removed first, because the frames before and after a misplaced frame may be one stretch.
@@ -104,16 +98,14 @@ def _parts(frames: Sequence[CountedFrame], period_s: float, modulus: int) -> lis
             newest, before = 0, frame
             continue
         parts[-1].append((newest + step, frame))
-        # If the previous frame overtook this frame, this frame's counter is not the sender's latest counter. The next
-        # frame is then compared with the previous frame, not with this frame.
+        # If the previous frame overtook this one, the next is compared with the previous one, whose counter is later.
         if step > 0:
             newest, before = newest + step, frame
     return parts
 
 
 def _cut_at_jumps(stretch: FrameStretch, period_s: float) -> list[FrameStretch]:
-    """Cut the stretch where its times shift permanently by more than `_JUMP`. A shift of more than `SLACK` between two
-    frames has already ended the stretch."""
+    """Cut the stretch where its times shift permanently by more than `_JUMP`; single shifts are at most `SLACK`."""
     late = stretch.time_s - period_s * stretch.index
     cuts, after = [0], 0
     for i in (np.flatnonzero(np.abs(np.diff(late)) > _JUMP * period_s) + 1).tolist():
@@ -121,4 +113,5 @@ def _cut_at_jumps(stretch: FrameStretch, period_s: float) -> list[FrameStretch]:
         if i >= after and abs(np.median(there) - np.median(here)) > _JUMP * period_s:
             cuts.append(i)
             after = i + _AROUND // 2
-    return [stretch.between(a, b) for a, b in pairwise([*cuts, len(stretch)])]
+    index, frames = stretch.index, stretch.frames
+    return [FrameStretch(index=index[a:b] - index[a], frames=frames[a:b]) for a, b in pairwise([*cuts, len(frames)])]

@@ -25,8 +25,7 @@ class LogFrames:
 
     Attributes:
         channel: the channel with our frames; empty if the log has no channels.
-        pressures, commands, speeds: frames with a valid CRC, in the log's order; with a key, only authentic and
-            fresh frames.
+        pressures, commands, speeds: frames with a valid CRC, in the log's order; with a key, authentic, fresh ones.
         damaged: number of frames of these three messages with a wrong CRC or length.
         forged: number of frames with a wrong authentication code or an old freshness value.
         others: counts of all other frames on all channels, by kind.
@@ -43,16 +42,11 @@ class LogFrames:
 
 
 def frames_of(
-    path: Path,
-    messages: Iterable[can.Message],
-    *,
-    only: MessageSet | None = None,
-    key: Key | None = None,
-    back_s: float,
+    path: Path, messages: Iterable[can.Message], *, only: MessageSet | None, key: Key | None, back_s: float
 ) -> LogFrames:
     """Sort a log's messages by their kind. Raises DatasetError if no pressure or no command has a valid CRC, the
     pressures belong to two message sets, our frames are on two channels, or a time is more than `back_s` earlier than a
-    time before it. `only` is the message set to read; by default, the set of the pressures in the log. Without `key`,
+    time before it. `only` is the message set to read; if None, the set of the pressures in the log. Without `key`,
     freshness and authentication codes are not checked."""
     buses: dict[str, _Bus] = {}
     others = Counter[str]()
@@ -76,9 +70,8 @@ def frames_of(
         raise DatasetError(f"{path}: {bus.lacks('pressure', [one.pressure.spec for one in sets])}")
     if len(present) > 1:
         names = " and ".join(f"{one.pressure.spec.name} (0x{one.pressure.spec.frame_id:x})" for one in present)
-        raise DatasetError(
-            f"{path}: holds {names}; choose one set with --set bus.frames=fd or classic (and bus.key if secured)"
-        )
+        choose = "choose one set with --set bus.frames=fd or classic (and bus.key if secured)"
+        raise DatasetError(f"{path}: holds {names}; {choose}")
     pressure, command = present[0].pressure.spec, present[0].command.spec
     if command.frame_id not in bus.kept:
         lacks = bus.lacks("command", [command])
@@ -100,8 +93,7 @@ def frames_of(
 
 class _Bus:
     """The frames of one channel, by identifier: frames to use, and numbers of frames with a valid CRC (`sound`), of
-    damaged frames, of forged frames, and of all data frames (`seen`). `goes_back` describes the first decrease of the
-    times by the latest time before the decrease and the time after it, in s."""
+    damaged, forged and all data frames (`seen`). `goes_back` has the times in s around the first decrease."""
 
     def __init__(self) -> None:
         self.kept: dict[int, list[CountedFrame]] = {}
@@ -162,10 +154,7 @@ def _channel_of(path: Path, buses: Mapping[str, _Bus], specs: Mapping[int, Messa
     }
     found = [name for name, messages in ours.items() if messages] or [name for name, bus in buses.items() if bus.sound]
     if len(found) > 1:
-        texts = (
-            f"{name} ({', '.join(f'{count} {message}' for message, count in ours[name])})" for name in sorted(found)
-        )
-        raise DatasetError(
-            f"{path}: holds stillwake's frames on the channels {' and '.join(texts)}; choose one with --channel"
-        )
+        texts = (f"{name} ({', '.join(f'{count} {kind}' for kind, count in ours[name])})" for name in sorted(found))
+        channels = " and ".join(texts)
+        raise DatasetError(f"{path}: holds stillwake's frames on the channels {channels}; choose one with --channel")
     return found[0] if found else next((name for name, bus in buses.items() if bus.damaged), next(iter(buses), ""))

@@ -21,8 +21,6 @@ from contract.config.vehicle import SpeedConfig
 
 _HELD: Final = (Mode.HOLD, Mode.DECAY, Mode.FAULT)
 """Modes in which a command is not the answer to the frame whose counter the command echoes."""
-_UNKNOWN_LAG: Final = 0.5
-"""Assumed time from a pressure frame to its command, in periods, if no command echoes a pressure frame's counter."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,8 +30,7 @@ class Scales:
     Attributes:
         period: control period in W / U_inf.
         point: operating point. Its W is always used, its U_inf and rho only where the log does not state them.
-        action_limit: bound on the action, in U_inf W. An action that exceeds the bound by up to half the resolution is
-            replaced by the bound.
+        action_limit: bound on the action, in U_inf W; replaces an action above it by up to half the resolution.
         given: names of the operating point's settings that the user gave; the log must not contradict them.
     """
 
@@ -80,8 +77,7 @@ def clock_of(stretch: FrameStretch, sampled_s: Array, period_s: float | None = N
     the line. If `period_s`, the sender's period in s, is None, it is fitted too."""
     index = stretch.index.astype(np.float64)
     if period_s is None:
-        # This is the Theil-Sen slope, but only from pairs with half of the frames between them, because closer pairs
-        # give slopes with larger errors.
+        # The Theil-Sen slope, from pairs with half of the frames between them: closer pairs have larger errors.
         half = len(stretch) // 2
         period_s = float(np.median((sampled_s[half:] - sampled_s[:-half]) / (index[half:] - index[:-half])))
     late = sampled_s - period_s * index
@@ -119,7 +115,8 @@ def table_of(
     inside = np.flatnonzero(answers & (place >= 0) & (place < len(table)))
     first = inside[np.unique(place[inside], return_index=True)[1]]
     action[place[first]] = asked[first]
-    lag = float(np.median(at[first] - answered[first])) if len(first) else _UNKNOWN_LAG
+    # The time from a pressure frame to its command, in periods; it is unknown if no command echoes a frame's counter.
+    lag = float(np.median(at[first] - answered[first])) if len(first) else 0.5
     for i in np.setdiff1d(np.arange(len(parsed)), first).tolist():
         k = round(at[i] - lag) + int(later[i]) + 1
         if 0 <= k < len(table) and np.isnan(action[k]):

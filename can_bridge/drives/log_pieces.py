@@ -68,9 +68,8 @@ class Cutter:
         if periods > self._fill:
             self._cut(f"no pressures for about {periods} control periods {at}", f"; --fill allows {self._fill}")
         else:
-            self._cut(
-                f"the pressures' counter and the log's clock disagree {at}: the sender restarted, or a clock was set"
-            )
+            why = "the sender restarted, or a clock was set"
+            self._cut(f"the pressures' counter and the log's clock disagree {at}: {why}")
 
     def add(self, table: Array, clock: SenderClock, moves: Mask) -> None:
         """Cut the table of one `FrameStretch`, converted to coefficients, into pieces. The table is NaN in rows in

@@ -26,8 +26,6 @@ from contract.arrays import Array, Mask
 from contract.config.operating_point import OperatingPoint
 from contract.errors import DatasetError
 
-_OTHER_PERIOD: Final = 0.2
-"""Largest relative difference between the control period and the median time from one frame to the next."""
 _DRIFT: Final = 1e-3
 """Largest relative difference between the sender's period and the control period, the same as for tables with times
 (`contract.recording.findings`). Quartz clocks differ ten times less. Rows with a larger difference are resampled."""
@@ -48,8 +46,7 @@ class LogSeries:
         start_s: time in s of the log's first row, on the log's clock; `travel` is counted from this time.
         period_s: the sender's period in s on the log's clock.
         messages: name of the message set.
-        speed: smallest, median and largest speed of the vehicle in m/s; the median does not include times without
-            motion. None if the log has no speed.
+        speed: smallest, median (of the moving vehicle) and largest speed in m/s; None if the log has no speed.
         without_speed: number of rows in which the speed was unknown or the vehicle did not move.
         dynamic_pressure: dynamic pressure in Pa at the median speed.
         is_resampled: whether rows were interpolated between the log's rows, because the speed varies.
@@ -100,19 +97,16 @@ def series_of(
     `fill` and `split` is false; with `split`, such a gap divides the drive. `fill` is the longest gap that is filled,
     in control periods. For `only` and `key` see `frames_of`."""
     log = frames_of(path, messages, only=only, key=key, back_s=scales.period_s)
-    modulus, command_modulus = (
-        profile_of(one.spec).counter_period for one in (log.messages.pressure, log.messages.command)
-    )
+    modulus = profile_of(log.messages.pressure.spec).counter_period
+    command_modulus = profile_of(log.messages.command.spec).counter_period
     speeds = vehicle_speeds(log.speeds, log.messages, scales.believed)
     if (interval_s := usual_interval(log.pressures, modulus)) is None:
         raise DatasetError(f"{path}: no two pressure frames are consecutive: frames between them are missing")
     if interval_s <= 0.0:
         raise DatasetError(f"{path}: most pressure frames are not later than the one before; the times are too coarse")
+    nominal_s, point = scales.period_s if speeds is None else _nominal(interval_s), scales.point
     if speeds is None:
-        nominal_s, point = scales.period_s, scales.point
         _check_period(path, interval_s, scales)
-    else:
-        nominal_s, point = _nominal(interval_s), scales.point
     stretches, repeated, misplaced = number(log.pressures, period_s=nominal_s, modulus=modulus)
     pressures, sampled_s, stale = zip(*(samples_of(one, log.messages, nominal_s) for one in stretches), strict=True)
     # The sender's period on the log's clock is found by a fit to the longest `FrameStretch`, if it is long enough.
@@ -256,7 +250,7 @@ def _moves(speed: Array, period_s: float, scales: Scales) -> Mask:
 
 
 def _check_period(path: Path, interval_s: float, scales: Scales) -> None:
-    if abs(interval_s / scales.period_s - 1.0) > _OTHER_PERIOD:
+    if abs(interval_s / scales.period_s - 1.0) > 0.2:
         raise DatasetError(
             f"{path}: its pressures are {interval_s * 1e3:.4g} ms apart, but the control period is "
             f"{scales.period_s * 1e3:.4g} ms, which is flow.control_period times W / U_inf: give the drive's "

@@ -17,10 +17,6 @@ from contract.config.vehicle import SpeedConfig
 
 _SHORTEST_S: Final = 0.1
 """Shortest time in s over which a change of speed is checked, so that rounding is not mistaken for an acceleration."""
-_STARTS: Final = 10
-"""Largest number of short first spans that are left out, because a wrong first speed makes correct ones look wrong."""
-_SLOWEST: Final = 1e-3
-"""Smallest speed in m/s for computing the distance travelled, which must increase even if the vehicle stands still."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,8 +37,7 @@ class VehicleSpeeds:
     left_out: int
 
     def at(self, time_s: Array) -> tuple[Array, Array]:
-        """Return speed and density at the times of m rows, (m,) each. The speed is NaN at a time that is more than
-        `oldest_s` away from every valid speed."""
+        """Return speed and density at m times, (m,); the speed is NaN more than `oldest_s` from every valid speed."""
         behind = np.clip(np.searchsorted(self.time_s, time_s), 1, len(self.time_s) - 1) if len(self.time_s) > 1 else 0
         nearest = np.minimum(np.abs(time_s - self.time_s[behind]), np.abs(time_s - self.time_s[behind - 1]))
         speed = np.interp(time_s, self.time_s, self.speed)
@@ -51,7 +46,8 @@ class VehicleSpeeds:
     def travel(self, width: float, start_s: float, pace: float) -> "Travel":
         """Return the distance travelled in body lengths since the time `start_s` on the log's clock. `pace` is the
         speed of the log's clock relative to the sender's clock."""
-        speed = np.maximum(self.speed, _SLOWEST) / (width * pace)
+        # The distance travelled must increase even if the vehicle stands still.
+        speed = np.maximum(self.speed, 1e-3) / (width * pace)
         if len(speed) == 1:
             return Travel.steady(start_s, 1.0 / float(speed[0]))
         way = np.concatenate([[0.0], np.cumsum(np.diff(self.time_s) * (speed[1:] + speed[:-1]) / 2)])
@@ -77,7 +73,6 @@ class Travel:
         return _line(time_s, self.time_s, self.way)
 
     def time(self, way: Array) -> Array:
-        """Return the times at which the given distances have been travelled."""
         return _line(way, self.way, self.time_s)
 
 
@@ -98,7 +93,7 @@ def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config:
             density = np.nan if value.density_kg_per_m3 is None else value.density_kg_per_m3
             said.append((frame.time_s - value.age_ns * 1e-9, value.speed_m_per_s, density))
     count, spans = len(said), _spans(said, config)
-    for _ in range(_STARTS):
+    for _ in range(10):  # a wrong first speed makes correct ones look wrong
         if len(spans) > 1 and spans[0][-1][0] - spans[0][0][0] < oldest_s:
             said = said[len(spans[0]) :]
             spans = _spans(said, config)

@@ -1,8 +1,7 @@
 """The profiles 2 and 5 of AUTOSAR's end-to-end protection (PRS_E2EProtocol); the DBC has the same profile numbers.
 
 The header is a little-endian CRC and a counter. In profile 2 the counter is the low half of a byte. The CRC covers all
-bytes after the CRC, and a data ID, which differs between messages and is not sent. So a message that is received under
-another message's identifier fails the check.
+bytes after it, and a data ID that is not sent and differs between messages, so that no message passes for another.
 """
 
 import binascii
@@ -32,8 +31,7 @@ class Profile:
         return 8 * self.crc_length + (self.counter_period - 1).bit_length()
 
     def protect(self, data: bytes, *, data_id: int, counter: int) -> bytes:
-        """Return the message with its header. Raises ValueError if the message is shorter than its header, or an
-        argument does not fit its field."""
+        """Return the message with its header. Raises ValueError if the header or an argument does not fit."""
         length, largest_id = self.crc_length, (1 << 8 * self.crc_length) - 1
         if len(data) <= length:
             raise ValueError(f"a message of {len(data)} bytes has no room for the {length + 1}-byte E2E header")

@@ -32,7 +32,6 @@ class E2eSender:
         self.state = SenderState()
 
     def frame(self, data: bytes, *, now_ns: int) -> Frame:
-        """See `protected_frame`."""
         frame = protected_frame(self.state, data, spec=self.spec, now_ns=now_ns)
         self.state = self.state.next(self.spec)
         return frame

@@ -73,12 +73,10 @@ class Backing(Protocol):
         """Erase a slot in parts, from byte `behind` to the slot's end; `behind` is 0 or a result of `begin_again`."""
 
     def begin_again(self, slot: Slot, length: int) -> int:
-        """Prepare a slot after power-on so that data can be appended after its first `length` bytes. Returns the number
-        of bytes that stay valid: `length`, or fewer if the memory after these bytes must be erased next. Raises
-        MediumError if the whole slot must be erased."""
+        """Prepare a slot after power-on for data after its first `length` bytes. Returns the number of bytes that stay
+        valid, fewer if the memory after them must be erased next. Raises MediumError if all bytes must be erased."""
 
     def append(self, slot: Slot, data: bytes) -> None:
         """Append data to the data written to a slot since its erasure. Also raises MediumError if the slot is full."""
 
-    def read(self, slot: Slot, offset: int, length: int) -> bytes:
-        """Return bytes of a slot that were appended."""
+    def read(self, slot: Slot, offset: int, length: int) -> bytes: ...

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import BundleDbcError, BundleError, BundleSignatureError, BundleSignerError
 from contract.release import controller_image, signing
-from contract.release.bundle import verified
-from contract.release.checks import SIGNATURE, Bundle, dbc_sha256
+from contract.release.checks import SIGNATURE, Bundle, dbc_sha256, read_checked
 from contract.release.container import files_of
 from contract.release.controller_image import ControllerImage
 from contract.release.key_list import KeyList
@@ -49,9 +49,11 @@ def check(image: bytes, rules: Rules) -> tuple[Verdict, Bundle | None]:
     files = {}
     try:
         files = files_of(image)
-        bundle = verified("image", files, frozenset() if rules.keys is None else rules.keys.keys)
+        bundle = read_checked(Path("image"), files, frozenset() if rules.keys is None else rules.keys.keys)
     except BundleSignerError:
-        return _signer_verdict(files.get(SIGNATURE), files[MANIFEST], rules.keys), None
+        signature = files.get(SIGNATURE)
+        signer = None if signature is None else signing.signer(signature, files[MANIFEST])
+        return _signer_verdict(signer, rules.keys), None
     except BundleSignatureError:
         return Verdict.BAD_SIGNATURE, None
     except BundleDbcError:
@@ -74,10 +76,8 @@ def judge_image(
     keys = rules.keys
     try:
         signer = controller_image.signer_of(image)
-        if signer is None:
-            return Verdict.UNSIGNED, None
-        if keys is None or signer not in keys.keys:
-            return Verdict.REVOKED_KEY if keys is not None and signer in keys.revoked else Verdict.UNKNOWN_KEY, None
+        if signer is None or keys is None or signer not in keys.keys:
+            return _signer_verdict(signer, keys), None
         found = controller_image.read(image)
     except BundleSignatureError:
         return Verdict.BAD_SIGNATURE, None
@@ -99,7 +99,7 @@ def fits_as(image: bytes) -> Fits:
     own = image[controller_image.VEHICLE]
 
     def fits(found: ControllerImage) -> Verdict:
-        other = found.vehicle
+        other = found.facts.vehicle
         if other[:8] != own[:8]:
             return Verdict.WRONG_PERIOD
         return Verdict.GOOD if other == own else Verdict.WRONG_VEHICLE
@@ -117,9 +117,8 @@ def _own_verdict(release: Release, hardware: str | None, rules: Rules) -> Verdic
     return verdict
 
 
-def _signer_verdict(signature: bytes | None, manifest: bytes, keys: KeyList | None) -> Verdict:
-    """Return the verdict on the signer of the image. A signature that is present has been verified before this call."""
-    if signature is None:
+def _signer_verdict(signer: PublicKey | None, keys: KeyList | None) -> Verdict:
+    """Return the verdict on a signer that is not in the list; None stands for an image without a signature."""
+    if signer is None:
         return Verdict.UNSIGNED
-    is_revoked = keys is not None and signing.signer(signature, manifest) in keys.revoked
-    return Verdict.REVOKED_KEY if is_revoked else Verdict.UNKNOWN_KEY
+    return Verdict.REVOKED_KEY if keys is not None and signer in keys.revoked else Verdict.UNKNOWN_KEY

@@ -108,8 +108,12 @@ class FolderBacking:
         self._written: dict[Slot, int] = {}
 
     def records(self) -> Mapping[RecordKind, bytes]:
-        found = {kind: self._record(kind) for kind in RecordKind}
-        return {kind: record for kind, record in found.items() if record is not None}
+        found = {}
+        for kind in RecordKind:
+            raw = self._files.read(_record_file(kind)) or b""
+            if raw == _framed(record := raw[_HEADER.size :]):
+                found[kind] = record
+        return found
 
     def keep(self, kind: RecordKind, record: bytes) -> None:
         """Replace a record; for `RecordKind.STATE`, sync the slots first. Raises ValueError for an overlong record."""
@@ -120,7 +124,7 @@ class FolderBacking:
                 self._files.sync(_slot_file(slot))
                 self._files.sync_folder()
             self._unsynced.clear()
-        self._files.replace(_TEMPORARY, _HEADER.pack(_MAGIC, len(record), zlib.crc32(record)) + record)
+        self._files.replace(_TEMPORARY, _framed(record))
         self._files.sync(_TEMPORARY)
         self._files.rename(_TEMPORARY, _record_file(kind))
         self._files.sync_folder()
@@ -162,13 +166,9 @@ class FolderBacking:
             raise MediumError(f"slot {slot.name}: nothing was written at byte {offset + len(found)}", offset)
         return found
 
-    def _record(self, kind: RecordKind) -> bytes | None:
-        raw = self._files.read(_record_file(kind))
-        if raw is None or len(raw) < _HEADER.size:
-            return None
-        magic, length, crc = _HEADER.unpack_from(raw)
-        record = raw[_HEADER.size :]
-        return record if (magic, length, crc) == (_MAGIC, len(record), zlib.crc32(record)) else None
+
+def _framed(record: bytes) -> bytes:
+    return _HEADER.pack(_MAGIC, len(record), zlib.crc32(record)) + record
 
 
 def _record_file(kind: RecordKind) -> str:

@@ -8,10 +8,9 @@ from dataclasses import replace
 from typing import Final
 
 from can_bridge.flashing import state
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing, Long, MediumError, RecordKind, Slot
 from can_bridge.flashing.checking import Fits, ImageCheck, Release, Rules, check
-from can_bridge.flashing.state import MOST_ATTEMPTS, SlotState, StoreState
+from can_bridge.flashing.state import MOST_ATTEMPTS, Level, SlotState, StoreState
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import KeyFileError
 from contract.release import key_list
@@ -60,7 +59,6 @@ class Remembered:
         self.state = changed
 
     def keep_slot(self, slot: Slot, changed: SlotState) -> None:
-        """Store the state of one slot, as `keep` does."""
         self.keep(self.state.with_slot(slot, changed))
 
     def judged(self, slot: Slot) -> Long[tuple[Verdict, Release | None]]:
@@ -75,16 +73,11 @@ class Remembered:
             return Verdict.UNREADABLE, None
         if hashlib.sha256(image).digest() != standing.sha256:
             return Verdict.WRONG_HASH, None
-        rules = Rules(
-            keys=self.keys,
-            hardware=self._hardware,
-            fits=self._fits,
-            least_security_version=self.state.least_security_version,
-        )
+        least = self.state.least_security_version
+        rules = Rules(keys=self.keys, hardware=self._hardware, fits=self._fits, least_security_version=least)
         return self._check(bytes(image), rules)
 
     def calibration(self, digest: str) -> bytes | None:
-        """Return the calibration stored for the release with this digest; None if there is none."""
         return self._calibrations.get(digest)
 
     def keep_faults(self, record: bytes) -> None:

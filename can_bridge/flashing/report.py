@@ -16,9 +16,8 @@ from dataclasses import dataclass, fields
 from enum import Enum
 from typing import Any, Final
 
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot
-from can_bridge.flashing.state import SlotPhase
+from can_bridge.flashing.state import Level, SlotPhase
 from can_bridge.flashing.store import BootReason, Store
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import BusError
@@ -32,8 +31,7 @@ _NONE: Final = 0xFF
 
 @dataclass(frozen=True, kw_only=True)
 class SlotReport:
-    """The report on one slot. `verdict` is the result of the last boot's check; None if the last boot did not check
-    this slot. For the other fields see `state.SlotState`."""
+    """The report on one slot: fields of `state.SlotState`, and the verdict of the last boot's check, if any."""
 
     phase: SlotPhase
     name: str
@@ -137,7 +135,6 @@ def decode(raw: bytes) -> StoreReport:
 
 
 def _slot(raw: bytes, at: int) -> tuple[SlotReport, int]:
-    """Return the slot at this offset, and the offset after it."""
     phase, verdict, boots_left, size, security_version, received, length, digest = _SLOT.unpack_from(raw, at)
     at += _SLOT.size
     name = raw[at : at + size].decode()

@@ -17,7 +17,6 @@ from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any, Final
 
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot
 from contract.printable import is_name
 from contract.release.manifest import FIRST_SECURITY_VERSION
@@ -31,6 +30,13 @@ _SLOT: Final = struct.Struct(">BBIII32s32s32sH")
 _REST: Final = struct.Struct(">BIBB")
 _CRC: Final = struct.Struct(">I")
 _NO_SLOT: Final = 0xFF
+
+
+class Level(IntEnum):
+    """A security level of diagnosis, with its own key; the value is the sub-function that requests the level's seed."""
+
+    PROGRAMMING = 0x01
+    CALIBRATION = 0x03
 
 
 class SlotPhase(IntEnum):
@@ -96,7 +102,6 @@ class StoreState:
 
     @property
     def on_trial(self) -> Slot | None:
-        """The slot of the image on trial."""
         return next((slot for slot in Slot if self.slots[slot].phase == SlotPhase.TRIAL), None)
 
     @property
@@ -142,12 +147,9 @@ def decode(raw: bytes) -> StoreState:
         active, least, *attempts = _REST.unpack(body[at:])
     except struct.error as error:
         raise ValueError(f"the state has {len(raw)} bytes, which is too short or too long") from error
-    state = StoreState(
-        slots=(first, second),
-        active=None if active == _NO_SLOT else Slot(active),
-        least_security_version=least,
-        failed_attempts=dict(zip(Level, attempts, strict=True)),
-    )
+    active_slot = None if active == _NO_SLOT else Slot(active)
+    failed = dict(zip(Level, attempts, strict=True))
+    state = StoreState(slots=(first, second), active=active_slot, least_security_version=least, failed_attempts=failed)
     if least < FIRST_SECURITY_VERSION:
         raise ValueError(f"state: the least security version is {least}: must be {FIRST_SECURITY_VERSION} or more")
     if state.active is not None and state.slots[state.active].phase != SlotPhase.CONFIRMED:
@@ -160,7 +162,6 @@ def decode(raw: bytes) -> StoreState:
 
 
 def _slot(body: bytes, at: int) -> tuple[SlotState, int]:
-    """Return the slot at this offset, and the offset after it."""
     phase, boots_left, length, received, security_version, sha256, digest, signer, size = _SLOT.unpack_from(body, at)
     at += _SLOT.size
     if at + size > len(body):

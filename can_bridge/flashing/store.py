@@ -13,8 +13,8 @@ The store never writes to a slot whose confirmed image is running or boots next.
 
 import hashlib
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Final
 
 from can_bridge.flashing.backing import Backing, Long, MediumError, RecordKind, Slot, at_once
 from can_bridge.flashing.checking import Fits, ImageCheck, Release, check
@@ -24,8 +24,6 @@ from can_bridge.flashing.verdicts import InWords, Verdict
 from contract.errors import BusError, ConfigError, KeyFileError
 from contract.release import key_list
 from contract.release.signing import PublicKey
-
-_SHA256_BYTES: Final = 32
 
 
 class OutOfOrderError(BusError):
@@ -102,8 +100,7 @@ class Store(Remembered):
         return None if self._announced is None else self.state.slots[self._announced].received
 
     def boot(self) -> Boot:
-        """Choose an image and check it completely. If an image is on trial, its boot is counted before the check. No
-        content of the memory makes this method raise an exception."""
+        """Choose an image and check it completely; a trial's boot is counted first. Damaged memory raises nothing."""
         self._announced = None
         trial = self.state.on_trial
         verdicts: dict[Slot, Verdict] = {}
@@ -150,15 +147,17 @@ class Store(Remembered):
         range; OutOfOrderError if `revert` selected another release and the ECU was not reset since."""
         if not 0 < length <= self.backing.capacity:
             raise ConfigError(f"the image has {length} bytes: must have 1 to {self.backing.capacity} for this ECU")
-        if len(sha256) != _SHA256_BYTES:
-            raise ConfigError(f"the image's SHA-256 has {len(sha256)} bytes: must have {_SHA256_BYTES}")
+        if len(sha256) != 32:
+            raise ConfigError(f"the image's SHA-256 has {len(sha256)} bytes: must have 32")
         slot = self._writable_slot()
         standing = self.state.slots[slot]
         self._announced = None
         if self.running == slot:
             self.running = None
-        is_here = standing.holds(length, sha256) and not self._is_known_bad(slot)
-        stays = self._stays(slot) if is_here else None
+        stays: int | None = None
+        if standing.holds(length, sha256) and not self._is_known_bad(slot):
+            with suppress(MediumError):
+                stays = self.backing.begin_again(slot, standing.received)
         wanted = stays or 0
         announced = SlotState(phase=SlotPhase.FILLING, length=length, sha256=sha256, received=wanted)
         if stays is None or stays < standing.received:
@@ -190,19 +189,12 @@ class Store(Remembered):
         if standing.received < standing.length:
             return Verdict.INCOMPLETE
         verdict, bundle = yield from self.judged(slot)
-        checked = SlotState(
-            phase=SlotPhase.BAD if bundle is None else SlotPhase.CHECKED,
-            length=standing.length,
-            sha256=standing.sha256,
-            received=standing.received,
-        )
+        phase = SlotPhase.BAD if bundle is None else SlotPhase.CHECKED
+        checked = SlotState(phase=phase, length=standing.length, sha256=standing.sha256, received=standing.received)
         if bundle is not None:
+            signer = b"" if bundle.signer is None else bundle.signer.raw
             checked = replace(
-                checked,
-                digest=bundle.digest,
-                name=bundle.name,
-                security_version=bundle.security_version,
-                signer=b"" if bundle.signer is None else bundle.signer.raw,
+                checked, digest=bundle.digest, name=bundle.name, security_version=bundle.security_version, signer=signer
             )
         if checked != standing:
             self.keep_slot(slot, checked)
@@ -226,35 +218,27 @@ class Store(Remembered):
         self._announced = None
 
     def confirm(self) -> None:
-        """Confirm the release that runs on trial; does nothing if the release is already confirmed. Raises
-        OutOfOrderError if no release runs, if the running release is neither on trial nor confirmed any more, or if the
-        key that signed it may no longer sign."""
+        """Confirm the release that runs on trial; may be repeated. Raises OutOfOrderError if no release runs, if it is
+        neither on trial nor confirmed any more, or if the key that signed it may no longer sign."""
         slot = self.running
         phase = None if slot is None else self.state.slots[slot].phase
         if slot is None or phase not in (SlotPhase.TRIAL, SlotPhase.CONFIRMED):
             raise OutOfOrderError("no release to confirm: an activated release must run")
         if phase == SlotPhase.TRIAL:
             if self.keys is None or PublicKey(self.state.slots[slot].signer) not in self.keys.keys:
-                # Such a release would not boot again. Its confirmation may raise the least security version above the
-                # version of the previous release: the previous release would then not boot either.
+                # Such a release would not boot again, and its confirmation may make the previous release too old.
                 raise OutOfOrderError("the key that signed the release on trial is not in the list: revert the release")
             self._confirm(slot)
 
     def _confirm(self, slot: Slot) -> None:
         standing = self.state.slots[slot]
-        self.keep(
-            self.state.with_slot(
-                slot,
-                replace(standing, phase=SlotPhase.CONFIRMED, boots_left=0),
-                active=slot,
-                least_security_version=max(self.state.least_security_version, standing.security_version),
-            )
-        )
+        confirmed = replace(standing, phase=SlotPhase.CONFIRMED, boots_left=0)
+        least = max(self.state.least_security_version, standing.security_version)
+        self.keep(self.state.with_slot(slot, confirmed, active=slot, least_security_version=least))
 
     def revert(self) -> Long[Verdict]:
-        """Select the release that the next reset starts: during a trial the confirmed release, otherwise the confirmed
-        release in the slot that does not run. Returns GOOD. If this release may no longer run,
-        returns the reason and changes nothing. Raises OutOfOrderError if there is no release to select."""
+        """Select the release that the next reset starts: the confirmed one during a trial, otherwise the other slot's.
+        Returns GOOD, or why it may no longer run; then nothing changes. Raises OutOfOrderError if there is none."""
         trial, active = self.state.on_trial, self.state.active
         if trial is not None:
             self.keep_slot(trial, _given_up(self.state.slots[trial]))
@@ -327,13 +311,6 @@ class Store(Remembered):
         found = {} if self.last_boot is None else self.last_boot.verdicts
         was_booted = self.state.slots[slot].phase in (SlotPhase.TRIAL, SlotPhase.CONFIRMED)
         return was_booted and found.get(slot, Verdict.GOOD) != Verdict.GOOD
-
-    def _stays(self, slot: Slot) -> int | None:
-        """Return the number of bytes after which the transfer can continue; None if the image has to be sent again."""
-        try:
-            return self.backing.begin_again(slot, self.state.slots[slot].received)
-        except MediumError:
-            return None
 
     def _transfer(self) -> tuple[Slot, SlotState]:
         if self._announced is None:

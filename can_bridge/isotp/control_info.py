@@ -19,7 +19,6 @@ SEQUENCE_NUMBERS: Final = 16
 _SINGLE, _FIRST, _CONSECUTIVE, _FLOW = range(4)
 _LARGEST_MILLISECONDS: Final = 0x7F
 _NS_PER_MS: Final = 1_000_000
-_NS_PER_100_US: Final = 100_000
 
 
 class FlowStatus(IntEnum):
@@ -98,7 +97,7 @@ def separation_ns(code: int) -> int:
     if code <= _LARGEST_MILLISECONDS:
         return code * _NS_PER_MS
     if 0xF1 <= code <= 0xF9:
-        return (code - 0xF0) * _NS_PER_100_US
+        return (code - 0xF0) * _NS_PER_MS // 10
     return _LARGEST_MILLISECONDS * _NS_PER_MS
 
 

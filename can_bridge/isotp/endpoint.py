@@ -48,11 +48,7 @@ class _Reception:
 
     def __init__(self, settings: IsoTpSettings) -> None:
         self._settings = settings
-        self._wanted = 0
-        self._frame_length = 0
-        self._next_number = 0
-        self._left_in_block = 0
-        self._deadline_ns = 0
+        self._wanted = self._frame_length = self._next_number = self._left_in_block = self._deadline_ns = 0
         self._data = bytearray()
 
     @property
@@ -91,8 +87,7 @@ class _Reception:
         missing = self._wanted - len(self._data)
         longest = self._frame_length - 1
         if not min(missing, longest) <= len(part.data) <= longest:
-            # Only a message's last frame may be shorter than the first frame, so this frame is ignored. The next frame
-            # then has an unexpected number and ends the reception.
+            # Only a message's last frame may be shorter than the first. The next frame's number ends the reception.
             return None, None
         self._data += part.data[:missing]
         self._next_number = (self._next_number + 1) % control_info.SEQUENCE_NUMBERS
@@ -125,20 +120,14 @@ class _Transmission:
         self._settings = settings
         self._state = _State.IDLE
         self.message = b""
-        self._sent = 0
-        self._number = 0
-        self._left_in_block = 0
-        self._separation_ns = 0
-        self._not_before_ns = 0
-        self._deadline_ns = 0
-        self._waits = 0
+        self._sent = self._number = self._left_in_block = self._waits = 0
+        self._separation_ns = self._not_before_ns = self._deadline_ns = 0
 
     @property
     def is_running(self) -> bool:
         return self._state is not _State.IDLE
 
     def begin(self, message: bytes) -> None:
-        """Begin to send a message; no other message may be in progress."""
         self.message = message
         self._state = _State.READY
 
@@ -164,7 +153,6 @@ class _Transmission:
             self._end()
 
     def next_frame(self, now_ns: int) -> bytes | None:
-        """Return the data of the frame that may be sent now, or None."""
         if self._state is _State.READY:
             return self._beginning(now_ns)
         if self._state is not _State.SENDING or now_ns < self._not_before_ns:
@@ -219,7 +207,7 @@ class Endpoint:
         self._reception = _Reception(settings)
         self._transmission = _Transmission(settings)
         self._answer: FlowStatus | None = None
-        self._received = deque[bytes]()
+        self._received: list[bytes] = []
         self._to_send = deque[bytes]()
         self.is_held = False
 
@@ -263,8 +251,7 @@ class Endpoint:
             self._transmission.flow(now_ns, part)
 
     def send(self, message: bytes) -> bool:
-        """Queue a message for the following calls of `poll`; return False if the queue is full. Raises ValueError for
-        an empty or too long message."""
+        """Queue a message for `poll`; return False if the queue is full. Raises ValueError for a wrong length."""
         if not 0 < len(message) <= MAX_MESSAGE:
             raise ValueError(f"the message has {len(message)} bytes: must have 1..{MAX_MESSAGE}")
         if len(self._to_send) == self._settings.queue:
@@ -276,28 +263,21 @@ class Endpoint:
         """Return the frames to be sent now: first the answer to the other end, then the messages of this end."""
         self._tick(now_ns)
         frames = list[Frame]()
-        if self._answer is FlowStatus.CONTINUE and not self._reception.is_running:
-            self._answer = None
-        if self._answer is not None:
-            block_size, separation = self._settings.block_size, self._settings.separation_code
-            flow = control_info.flow(self._answer, block_size=block_size, separation_code=separation)
+        own, answer, self._answer = self._settings, self._answer, None
+        if answer is not None and (answer is not FlowStatus.CONTINUE or self._reception.is_running):
+            flow = control_info.flow(answer, block_size=own.block_size, separation_code=own.separation_code)
             frames.append(self._frame(now_ns, flow))
-            self._answer = None
-        while len(frames) < self._settings.burst:
-            if not self._transmission.is_running:
-                if not self._to_send:
-                    break
+        while len(frames) < own.burst:
+            if self._to_send and not self._transmission.is_running:
                 self._transmission.begin(self._to_send.popleft())
-            data = self._transmission.next_frame(now_ns)
-            if data is None:
+            if (data := self._transmission.next_frame(now_ns)) is None:
                 break
             frames.append(self._frame(now_ns, data))
         return frames
 
     def take(self) -> list[bytes]:
         """Return the messages completed since the last call, oldest first."""
-        messages = list(self._received)
-        self._received.clear()
+        messages, self._received = self._received, []
         return messages
 
     def _tick(self, now_ns: int) -> None:
@@ -309,11 +289,5 @@ class Endpoint:
             self._received.append(message)
 
     def _frame(self, now_ns: int, data: bytes) -> Frame:
-        settings = self._settings
-        return Frame(
-            frame_id=settings.send_id,
-            data=data,
-            timestamp_ns=now_ns,
-            is_fd=settings.is_fd,
-            is_extended=settings.is_extended,
-        )
+        own = self._settings
+        return Frame(frame_id=own.send_id, data=data, timestamp_ns=now_ns, is_fd=own.is_fd, is_extended=own.is_extended)

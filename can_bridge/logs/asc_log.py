@@ -28,12 +28,6 @@ _DATE: Final = re.compile(r"(\d{1,2})\s+(\d{1,2}):(\d\d):(\d\d(?:\.\d+)?)(?:\s+(
 _NUMBER_OF_NAME: Final = re.compile(r"\bID\s*=\s*(\d+)(x?)", re.IGNORECASE)
 """Pattern of the decimal identifier that files of version 8 or later have after a classic frame."""
 _DIRECTIONS: Final = ("rx", "tx", "txrq")
-_NUMERIC: Final = "0123456789+-("
-"""Characters with which a line of data can begin; no line of the header begins with such a character."""
-_TRAILING: Final = 6
-"""Smallest count of numbers after the data bytes in a line of CAN FD; files of version 8 have two more."""
-_FLAGS: Final = 2
-"""Index of the flags among the numbers after the data bytes."""
 _FD_FLAG, _REMOTE_FLAG = 0x1000, 0x10
 _DAY_S: Final = 86_400.0
 _EVENTS: Final = {
@@ -86,7 +80,7 @@ def read_asc(lines: entries.Lines) -> Iterator[Entry]:
                 is_relative = is_relative if timestamps is None else timestamps[1].lower() == "relative"
                 yield LogEvent(entries.HEADER_LINE)
             elif not has_times or "internal events logged" in text.lower() or words[0].lower() == "date":
-                if text[0] in _NUMERIC:
+                if text[0] in "0123456789+-(":  # only a line of data can begin so
                     raise ValueError(f"{quoted(text, 60)} has no time in seconds with a decimal point")
                 yield LogEvent(entries.HEADER_LINE)
             else:
@@ -148,8 +142,7 @@ def _between(first: str, second: str) -> float | None:
         seconds.append(3600.0 * hour + 60.0 * int(date[3]) + float(date[4]))
     if months[0] == months[1]:
         return (days[1] - days[0]) * _DAY_S + seconds[1] - seconds[0]
-    # If the month changes, the blocks are assumed to be one day apart. The lengths of the months are not used, because
-    # the names of months depend on the language.
+    # The names of months depend on the language, so blocks of two months are assumed to be one day apart.
     return _DAY_S + seconds[1] - seconds[0] if days[1] < days[0] else None
 
 
@@ -208,7 +201,7 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
         return LogEvent(entries.NOT_OURS)
     code, length, is_rx = int(rest[2], base), int(rest[3]), direction == "rx"
     trailing = rest[4 + length :]
-    flags = int(trailing[_FLAGS], 16) if len(trailing) >= _TRAILING else 0
+    flags = int(trailing[2], 16) if len(trailing) >= 6 else 0  # files of version 8 have two more numbers
     fd = BRS * (rest[0] == "1") | ESI * (rest[1] == "1")
     # Some writers leave the flags 0, so the bit rate, the length and the length code also identify a CAN FD frame.
     if flags & _FD_FLAG or fd & BRS or length > 8 or not (flags or (length == 8 and code > 8)):
@@ -246,6 +239,5 @@ def _identifier(word: str, base: int) -> entries.Ident | None:
     if not (_HEX if base == 16 else _DECIMAL).fullmatch(digits):
         return None
     number = int(digits, base)
-    # A name begins with a letter, and all its characters may be hexadecimal digits. If such a word is too large for an
-    # 11-bit identifier, it is a name.
+    # A word of hexadecimal digits that begins with a letter and is too large for 11 bits is a name.
     return (number, is_extended) if is_extended or number <= MAX_FRAME_ID or word[0].isdigit() else None

@@ -25,11 +25,7 @@ _CLASSIC: Final = struct.Struct("<H B B L 8s")
 _FD: Final = struct.Struct("<H B B L L B B B 5x 64s")
 """CAN FD frame: channel, flags, length code, identifier, bus time, bit count, CAN FD flags, stored byte count, data."""
 _FD_64: Final = struct.Struct("<B B B x L 4x L 18x B B 4x")
-"""CAN FD frame in the newer form: channel, length code, number of stored data bytes, identifier, flags, direction,
-offset of the bytes that follow the data."""
-_CHANNEL: Final = struct.Struct("<H")
-_TEN_MICROSECONDS: Final = 1
-"""Flag of a time in units of 10 us; without this flag the unit is 1 ns."""
+"""CAN FD frame in the newer form: channel, length code, stored bytes, identifier, flags, direction, end of the data."""
 
 _MESSAGES: Final = (1, 86)
 _CONTAINER_TYPE, _FD_TYPE, _FD_64_TYPE, _FD_ERROR_TYPE = 10, 100, 101, 104
@@ -59,8 +55,7 @@ _TX, _TX_REQUEST = 1, 2
 
 
 def read_blf(file: entries.Binary, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
-    """Yield an entry for each object that is not a container. Raises ValueError if the file is not BLF, CutOffError if
-    it is cut off."""
+    """Yield an entry for each object but containers. Raises ValueError for another format, CutOffError if cut off."""
     head = file.read(_FILE.size)
     if head[:4] != b"LOGG" or len(head) < _FILE.size:
         raise ValueError("its header is not the header of a BLF file")
@@ -86,7 +81,7 @@ def _entry(kind: int, one: bytes, header: int, start_ns: int) -> Entry:
     if kind not in _FRAMES:
         return LogEvent(_NAMES.get(kind, f"object of type {kind}"))
     flags, stamp = _STAMP.unpack_from(one, _BASE.size)
-    time_s = (start_ns + stamp * (10_000 if flags == _TEN_MICROSECONDS else 1)) / 1e9
+    time_s = (start_ns + stamp * (10_000 if flags == 1 else 1)) / 1e9  # in units of 10 us or 1 ns
     if kind in _MESSAGES:
         channel, flags, code, frame_id, data = _CLASSIC.unpack_from(one, header)
         return _frame(time_s, channel, frame_id, code, data, flags)
@@ -98,7 +93,7 @@ def _entry(kind: int, one: bytes, header: int, start_ns: int) -> Entry:
         # If fewer bytes are stored than announced, the missing bytes count as zero, as in Vector's own programs.
         data = one[header + _FD_64.size : behind or None][:valid].ljust(valid, b"\0")
         return _frame(time_s, channel, frame_id, code, data, direction | (flags & 0x10) << 3, flags >> 12 & 7)
-    (channel,) = _CHANNEL.unpack_from(one, header)
+    (channel,) = struct.unpack_from("<H", one, header)
     return entries.error_frame(time_s, str(channel & (0xFF if kind == _FD_ERROR_TYPE else 0xFFFF)))
 
 
@@ -145,8 +140,7 @@ def _unpacked(container: bytes) -> bytes:
 def _frame(
     time_s: float, channel: int, frame_id: int, code: int, data: bytes, flags: int, fd: int = 0
 ) -> can.Message | LogEvent:
-    """Return a frame, or an event for a transmit request. `flags` has the direction and the remote bit; `fd` has the
-    bits `FD_FRAME`, `BRS` and `ESI` of `can_bridge.logs.entries`."""
+    """Return a frame, or a transmit request's event. `flags`: direction, remote bit; `fd`: `FD_FRAME`, `BRS`, `ESI`."""
     if flags & _DIRECTION == _TX_REQUEST:
         return LogEvent(entries.REQUEST)
     length, is_rx = entries.length_of(code, is_fd=bool(fd)), flags & _DIRECTION != _TX

@@ -61,7 +61,6 @@ Ident = tuple[int, bool]
 
 
 def error_class(message: can.Message) -> str:
-    """Return a description of the errors that an error frame reports."""
     names = [name for bit, name in enumerate(_ERROR_CLASSES) if message.arbitration_id >> bit & 1]
     return " and ".join(names) or "not stated"
 
@@ -94,8 +93,7 @@ def frame(
 
 
 def length_of(code: int, *, is_fd: bool) -> int:
-    """Return the number of bytes for a length code. The codes 9 to 15 of a classic frame mean 8 bytes (ISO 11898-1).
-    Raises ValueError for an invalid code."""
+    """Return the bytes for a length code (0..15, else ValueError); classic codes 9 to 15 mean 8 (ISO 11898-1)."""
     if not 0 <= code < len(FD_LENGTHS):
         raise ValueError(f"length code {code} must be in 0..15")
     return FD_LENGTHS[code] if is_fd else min(code, 8)

@@ -36,8 +36,7 @@ GREATEST_TIME_S: Final = 2**63 / 1e9
 
 def suffix_of(path: Path) -> str:
     """Return the ending of the file's name that shows a log's format, such as ".asc", in lower case and without .gz."""
-    name = path.name.lower()
-    return Path(name.removesuffix(PACKED)).suffix
+    return Path(path.name.lower().removesuffix(PACKED)).suffix
 
 
 def stem_of(path: Path) -> str:
@@ -58,8 +57,7 @@ def is_log(path: Path) -> bool:
 
 
 class CanLog:
-    """A log that can be read once, from its first message to its last. Timestamps are in s; channels have the file's
-    names.
+    """A log that can be read once, from first to last message. Timestamps are in s; channels have the file's names.
 
     Attributes:
         events: numbers of lines or objects read so far that are not messages, by name.
@@ -90,8 +88,7 @@ class CanLog:
         self._zone, self._only = zone, frozenset(channels)
 
     def __iter__(self) -> Iterator[can.Message]:
-        """Yield the messages in the file's order. If the file is damaged, or has a line that is neither a message nor
-        an event, the messages before it are yielded; then BusError is raised."""
+        """Yield the messages in order. Damage, or a line that is neither message nor event, raises BusError there."""
         with ExitStack() as stack:
             try:
                 for entry in self._entries(stack):
@@ -101,10 +98,8 @@ class CanLog:
                     self.messages += 1
                     channel = str(entry.channel)
                     self.channels[channel] += 1
-                    if not abs(entry.timestamp) <= GREATEST_TIME_S:
-                        raise ValueError(
-                            f"frame {self.messages} is at {entry.timestamp} s: must be within {GREATEST_TIME_S:g} s"
-                        )
+                    if not abs(at := entry.timestamp) <= GREATEST_TIME_S:
+                        raise ValueError(f"frame {self.messages} is at {at} s: must be within {GREATEST_TIME_S:g} s")
                     if not self._only or channel in self._only:
                         yield entry
             except BusError:
@@ -118,7 +113,6 @@ class CanLog:
             raise BusError(f"{self.path}: --channel {', '.join(sorted(self._only))}: no such channel, only {names}")
 
     def _entries(self, stack: ExitStack) -> Iterator[Entry]:
-        """Return the entries of the file. Closing the stack closes the file."""
         suffix = suffix_of(self.path)
         match suffix:
             case ".mf4":

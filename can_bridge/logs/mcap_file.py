@@ -110,8 +110,7 @@ def _message_class(name: str, fields: Mapping[str, str | Mapping[int, str]]) -> 
 
 
 def read_mcap(path: Path) -> Iterator[Entry]:
-    """Yield an entry for each message of every topic, in the order of time. Raises BusError if a package is missing or
-    there is no frame; McapError for a damaged file."""
+    """Yield an entry for each message by time. Raises BusError without package or frames, McapError for damage."""
     try:
         from mcap.reader import make_reader
         from mcap_protobuf.decoder import DecoderFactory

@@ -1,8 +1,7 @@
 """The format ASAM MDF 4: logs and measurements, read and written by asammdf.
 
-Frames are in the groups CAN_DataFrame, CAN_ErrorFrame and CAN_RemoteFrame ("ASAM MDF, Bus Logging", 1.0), as Vector's
-programs, CANedge loggers and python-can write them. The files that this module writes (4.1) also have named channels
-with units, for programs without our DBC.
+Frames are in CAN_DataFrame, CAN_ErrorFrame and CAN_RemoteFrame ("ASAM MDF, Bus Logging", 1.0), as Vector's programs,
+CANedge and python-can write them. Our files (4.1) also have channels with units, for programs without our DBC.
 """
 
 import io
@@ -34,8 +33,6 @@ _FIELDS: Final[Mapping[str, Mapping[str, str]]] = {
     _ERROR_FRAME: {"ErrorType": "u1"},
 }
 """Types of a record's fields, by the group's name and the field's name. The field BusChannel is not included."""
-_SMALLEST: Final = 2
-"""asammdf's number for compression by transposition and deflate, which the standard allows from version 4.1 on."""
 _MOST_CHANNELS: Final = 255
 _NAMES: Final = {"CAN_OverloadFrame": "overload frame"}
 _EXTENDED: Final = 0x80000000
@@ -60,8 +57,7 @@ def asammdf_for(path: Path) -> Any:
 
 
 def read_mdf(path: Path, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
-    """Yield the entries of the records in the order of time. Raises BusError if asammdf is missing or there are no CAN
-    frames; ValueError for a damaged file."""
+    """Yield the records' entries by time. Raises BusError without asammdf or frames, ValueError for a damaged file."""
     asammdf = asammdf_for(path)
     failure = asammdf.blocks.utils.MdfException
     try:
@@ -157,14 +153,10 @@ def write_mdf(path: Path, messages: Sequence[can.Message], groups: Sequence[Chan
             signal = asammdf.Signal(samples, times, name=name, source=source)
             measurement.append(signal, acq_name="CAN", acq_source=source, comment=comment)
         for group in groups:
-            measurement.append(
-                [_signal(asammdf, group, one, start_s) for one in group.channels],
-                acq_name=group.name,
-                comment=group.comment,
-                common_timebase=True,
-            )
+            signals = [_signal(asammdf, group, one, start_s) for one in group.channels]
+            measurement.append(signals, acq_name=group.name, comment=group.comment, common_timebase=True)
         with replacing(path) as temporary, temporary.open("w+b") as file:
-            measurement.save(file, compression=_SMALLEST)
+            measurement.save(file, compression=2)  # transposition and deflate; standard from version 4.1 on
 
 
 def _kind(message: can.Message) -> str:
@@ -174,8 +166,7 @@ def _kind(message: can.Message) -> str:
 
 
 def _numbers(messages: Sequence[can.Message]) -> dict[str, int]:
-    """Return each channel's number: its name if the name is a number below 256, else the first free number from 1 on.
-    Raises BusError for too many channels."""
+    """Number each channel by its name if that is below 256, else by a free number; raise BusError if none is free."""
     names = list(dict.fromkeys(str(one.channel or "") for one in messages))
     found = {name: int(name) for name in names if name.isdecimal() and int(name) < 256}
     if len(names) > _MOST_CHANNELS:

@@ -37,8 +37,7 @@ def read_csv(lines: Lines) -> Iterator[Entry]:
 
 
 def read_db(path: Path) -> Iterator[Entry]:
-    """Yield the entries of an SQLite database's rows. Raises ValueError with the number of an invalid row;
-    sqlite3.Error for a file that is not such a database."""
+    """Yield the entries of the rows. Raises ValueError with an invalid row's number, sqlite3.Error for another file."""
     with closing(sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True)) as database:
         columns = TABLE_COLUMNS.replace("timestamp", "ts")
         for number, row in enumerate(database.execute(f"SELECT {columns} FROM messages ORDER BY rowid"), 1):

@@ -14,9 +14,6 @@ from contract.printable import quoted
 
 _COLUMNS: Final = {"1.0": "NOIL", "1.1": "NOTIL", "1.2": "NOBTIL", "1.3": "NOBTIRL"}
 """Columns before the data by version: number N, time O, bus B, type or direction T, id I, reserved R, length code L."""
-_DAY_ZERO: Final = datetime(1899, 12, 30)
-_WARNING: Final = "FFFFFFFF"
-"""Value that marks a warning, in the column of the identifier."""
 _STATUS: Final = "hardware status"
 _EVENTS: Final = {
     "ST": _STATUS,
@@ -44,7 +41,7 @@ def read_trc(lines: entries.Lines, since_epoch: entries.SinceEpoch) -> Iterator[
                     if value not in _COLUMNS and value not in ("2.0", "2.1"):
                         raise ValueError(f"version {quoted(value)} must be {', '.join(_COLUMNS)}, 2.0 or 2.1")
                 case "$STARTTIME":
-                    start_s = since_epoch(_DAY_ZERO + timedelta(days=float(value.replace(",", "."))))
+                    start_s = since_epoch(datetime(1899, 12, 30) + timedelta(days=float(value.replace(",", "."))))
                 case "$COLUMNS":
                     columns = value.split(",")
                     if not {"O", "I"} <= set(columns) or not {"l", "L"} & set(columns):
@@ -73,7 +70,7 @@ def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> 
     values = dict(zip(head, words, strict=False))
     rest = words[len(head) :]
     frame_id = values["I"]
-    if frame_id.upper() == _WARNING:
+    if frame_id.upper() == "FFFFFFFF":  # a warning
         return LogEvent(_STATUS)
     if rest[:1] == ["ERROR"]:
         return entries.error_frame(time_s, channel, entries.PROTOCOL)
@@ -82,8 +79,7 @@ def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> 
         length = entries.check_length(int(values["l"]), is_fd=is_fd)
     else:
         code = int(values["L"])
-        # Some writers put the length in bytes into the column of the length code. The number of bytes in the line shows
-        # this, unless the line may be truncated.
+        # Some writers put the length in bytes there. The line's number of bytes shows this, unless it may be cut.
         is_length = is_fd and code in FD_LENGTHS and (code > 15 or (is_whole and len(rest) == code))
         length = code if is_length else entries.length_of(code, is_fd=is_fd)
     direction = values.get("d", kind).upper()

@@ -10,7 +10,7 @@ from string import Template
 from typing import Final, NamedTuple
 from xml.sax.saxutils import escape
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds import services
 from can_bridge.uds.fault_codes import CODES, J2012_FORMAT, Snapshot, in_letters
@@ -110,14 +110,9 @@ _STATUSES: Final = {Routine.ERASE: (value("offset", "u32"),), Routine.CHECK: (va
 
 
 class Described(NamedTuple):
-    """A service with one sub-function or identifier.
-
-    Attributes:
-        constants: numbers that follow the service identifier in the request and the answer. A number has 8 bits, or
-            16 bits if it is 256 or more.
-        request, answer: parameters of the request and of the answer that follow the constants.
-        at: permission; None for the permission of the whole service.
-    """
+    """A service with one sub-function or identifier. In the request and the answer, the service identifier is followed
+    by `constants`, with 8 bits, or 16 bits for 256 and more, and these by the parameters of the `request` or `answer`.
+    `at` is the permission; None for the permission of the whole service."""
 
     name: str
     service: Service
@@ -201,8 +196,8 @@ def _filling(bus: BusConfig, because: Mapping[Reason, str]) -> dict[str, object]
         "software": escape(software),
         "variant": re.sub(r"\W", "_", software),
         "codes": "".join(_code(reason, code, because[reason]) for reason, code in CODES.items()),
-        "texts": texts("session", {one: _words(one.name) for one in Session})
-        + texts("nrc", {one: _words(one.name) for one in Nrc})
+        "texts": texts("session", {one: one.name.lower() for one in Session})
+        + texts("nrc", {one: one.name.lower().replace("_", " ") for one in Nrc})
         + texts("verdict", {one: one.in_words for one in Verdict})
         + texts("mode", {one: one.name for one in Mode}),
         "structures": "".join(_structures()),
@@ -210,8 +205,8 @@ def _filling(bus: BusConfig, because: Mapping[Reason, str]) -> dict[str, object]
         "requests": "".join(message("REQUEST", one.name, (*_head(one), *one.request)) for one in every),
         "answers": "".join(message("POS-RESPONSE", one.name, (*_head(one, POSITIVE), *one.answer)) for one in every),
         "refusal": constant("sid", 0x7F) + repeated("service") + value("code", "nrc"),
-        "charts": chart("session_chart", "SESSION", map(_session, Session))
-        + chart("level_chart", "SECURITY", ["level_locked", *map(_level, Level)]),
+        "charts": chart("session_chart", "SESSION", map(_state, Session))
+        + chart("level_chart", "SECURITY", ["level_locked", *map(_state, Level)]),
         "id_bits": 29 if ids.request.is_extended else 11,
         "request_id": ids.request.number,
         "response_id": ids.response.number,
@@ -243,11 +238,8 @@ def _code(reason: Reason, code: int, text: str) -> str:
 
 
 def _structures() -> Iterator[str]:
-    values = (
-        *(value(name, "f32_little") for name in CALIBRATION_NAMES[:-1]),
-        value(CALIBRATION_NAMES[-1], "u32_little"),
-    )
-    yield message("STRUCTURE", "calibration", values)
+    floats = (value(name, "f32_little") for name in CALIBRATION_NAMES[:-1])
+    yield message("STRUCTURE", "calibration", (*floats, value(CALIBRATION_NAMES[-1], "u32_little")))
     limits = (value(name, "calibration") for name in ("least", "greatest", "release"))
     yield message("STRUCTURE", "calibration_limits", limits)
     yield message("STRUCTURE", "fault", (value("code", "code"), value("status", "u8")))
@@ -268,18 +260,10 @@ def _head(one: Described, more: int = 0) -> Iterator[str]:
 def _states(one: Described) -> Iterator[str]:
     whole = services.SERVICES[one.service]
     permission = one.at or whole
-    yield from map(_session, sorted(permission.sessions & whole.sessions))
+    yield from map(_state, sorted(permission.sessions & whole.sessions))
     if permission.level is not None:
-        yield _level(permission.level)
+        yield _state(permission.level)
 
 
-def _session(session: Session) -> str:
-    return f"session_{session.name.lower()}"
-
-
-def _level(level: Level) -> str:
-    return f"level_{level.name.lower()}"
-
-
-def _words(name: str) -> str:
-    return name.lower().replace("_", " ")
+def _state(one: Session | Level) -> str:
+    return f"{type(one).__name__}_{one.name}".lower()

@@ -3,7 +3,7 @@
 import json
 from typing import Any, Final
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.uds.security import ANSWER_LENGTH, DELAY_NS, LABEL, MAX_ATTEMPTS, SEED_LENGTH, AccessKey
 from can_bridge.uds.services import LEVELS
 

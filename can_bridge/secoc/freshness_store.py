@@ -1,10 +1,9 @@
 """The data that must survive a power cycle: the number of power cycles, and the newest accepted freshness values.
 
 Each node has a JSON file of its own. `begin` counts the power cycle before the first frame is sent, so that no
-freshness value is used twice. `accepted` stores the newest freshness value from the other node: immediately when the
-other node has begun a new power cycle, otherwise once in `every` frames, because flash memory wears. A restarted node
-refuses every frame whose value is not above the stored value. One gap remains: frames that were accepted after the last
-write can be replayed to a node that has just restarted, until the first genuine frame arrives.
+freshness value is used twice. `accepted` stores the newest freshness value from the other node: immediately after the
+other node's power-on, otherwise once in `every` frames, because flash memory wears. A restarted node refuses every
+frame whose value is not above the stored value; docs/explanation/protection.md describes the gap that remains.
 """
 
 import json
@@ -23,8 +22,7 @@ FRESHNESS_SCHEMA: Final = "stillwake-freshness/1"
 
 
 class FreshnessStore:
-    """The file with a node's freshness values. Only one process may use the file at a time. The first `begin` creates
-    the file, and `accepted` writes it once in `every` frames."""
+    """The file with a node's freshness values. Only one process may use the file at a time."""
 
     def __init__(self, path: Path, *, every: int = 50) -> None:
         if every < 1:

@@ -14,13 +14,9 @@ from contract.runtime.copies import NeverCopied
 KEY_LENGTH: Final = 16
 """Length of a key, in bytes: AES-128."""
 
-_LONGEST: Final = 2 * KEY_LENGTH + 2
-"""Largest size of a key file, in bytes: hexadecimal digits and the end of a line."""
-
 
 class Key(NeverCopied):
-    """A 128-bit key, prepared for use. The key is never printed and cannot be pickled. Raises ValueError unless the
-    secret has 16 bytes, or if they are all zero, as in an empty memory."""
+    """A 128-bit key, never printed or pickled. Raises ValueError unless the secret has 16 bytes, not all zero."""
 
     INSTEAD: ClassVar = "a key is never shown; make another key of the same secret"
 
@@ -48,11 +44,12 @@ def read_secret(path: Path) -> bytes:
     """Read the bytes of the key in a file: 16 bytes, or 32 hexadecimal digits with an optional end of line. Raises
     KeyFileError if the file is missing, has other contents, or can be accessed by users other than its owner."""
     try:
-        with open(path, "rb", opener=_open_without_waiting) as file:
+        # Without O_NONBLOCK, opening a named pipe without a writer would block for ever.
+        with open(path, "rb", opener=lambda name, flags: os.open(name, flags | getattr(os, "O_NONBLOCK", 0))) as file:
             about = os.fstat(file.fileno())
             if not stat.S_ISREG(about.st_mode):
                 raise KeyFileError(f"{path}: not a key file; must be a regular file")
-            content = file.read(_LONGEST + 1)
+            content = file.read(2 * KEY_LENGTH + 3)  # a byte more than hexadecimal digits and the end of a line
     except OSError as error:
         raise KeyFileError(f"{path}: cannot read the key ({error.strerror or error})") from error
     if os.name == "posix" and about.st_mode & (stat.S_IRWXG | stat.S_IRWXO):
@@ -86,11 +83,6 @@ def write_key(path: Path, secret: bytes) -> None:
         if not isinstance(error, OSError):
             raise
         raise KeyFileError(f"{path}: cannot write the key ({error.strerror or error})") from error
-
-
-def _open_without_waiting(path: str, flags: int) -> int:
-    # Without O_NONBLOCK, opening a named pipe without a writer would block for ever.
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _decoded(content: bytes) -> bytes:

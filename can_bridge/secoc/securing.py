@@ -4,8 +4,7 @@
 
 The MAC is the first 8 bytes of AES-128 CMAC over the data ID (2 bytes), everything before the freshness, and the
 freshness. As in AUTOSAR SecOC, numbers have their most significant byte first. The data ID is not sent; it binds a
-frame to its message. A forged or repeated frame cannot disturb the genuine stream, because it changes neither the E2E
-counter nor the E2E window.
+frame to its message. A forged or repeated frame changes neither E2E counter nor window, so the stream continues.
 """
 
 from collections.abc import Sequence

@@ -1,12 +1,10 @@
 """The requests to an ECU through udsoncan's client. A request that gets no answer is repeated."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.tester.messages import AccessError, NoAnswerError, RefusedError, in_good_state
 from can_bridge.uds.fault_codes import SNAPSHOT_FORMATS
 from can_bridge.uds.services import Did, Nrc, Routine, Session
@@ -14,8 +12,6 @@ from contract.errors import FlashError
 
 if TYPE_CHECKING:
     from udsoncan.client import Client
-
-T = TypeVar("T")
 
 KeyOf = Callable[[Level, bytes], bytes]
 """A function that returns the key for a seed of a security level."""
@@ -31,25 +27,25 @@ TIMES: Final = 5
 READ_TIMES: Final = 25
 """Largest number of attempts to read an identifier: the store's report takes 150 classic frames, any of which may be
 lost. There are only `TIMES` attempts if the ECU has never answered, because it is then probably absent."""
-BUSY: Final = 0x21
-"""Negative response code busyRepeatRequest (ISO 14229-1, table A.1)."""
 BUSY_WAIT_S: Final = 0.1
-PRESENT_S: Final = 2.0
-"""Time in s between messages that keep a session open: less than half of `S3_MS`, so that one message may be lost."""
 DELAY_S: Final = 15.0
 """Longest wait in s while the ECU accepts no key after wrong keys; it exceeds the ECU's delay of 10 s."""
+_NO_ACCESS: Final[Mapping[int, str]] = {
+    Nrc.INVALID_KEY: "the ECU refused the key for {level}: it must be the ECU's key; name the key's file with --access",
+    Nrc.EXCEEDED_ATTEMPTS: "the ECU refused the key, and accepts no key for 10 s after several wrong keys; wait, and "
+    "name the ECU's key file with --access",
+    Nrc.DELAY_NOT_EXPIRED: f"the ECU accepts no key after wrong keys, even after {DELAY_S:g} s; wait, and try again",
+}
 
 
 class Asking:
-    """A tester's connection to an ECU. `unanswered` is the number of requests repeated because no answer came."""
+    """A tester's connection to an ECU; `unanswered` is the number of requests repeated because no answer came."""
 
     def __init__(
-        self, client: Client, *, key: KeyOf | None, clock: Callable[[], float], sleep: Callable[[float], None]
+        self, client: "Client", *, key: KeyOf | None, clock: Callable[[], float], sleep: Callable[[float], None]
     ) -> None:
         """Configure the client; its connection must be open. `key` is needed to unlock a level. Times are in s."""
-        self._client = client
-        self._clock = clock
-        self._sleep = sleep
+        self._client, self._clock, self.sleep = client, clock, sleep
         self._began = clock()
         self.unanswered = 0
         self._has_answered = False
@@ -61,10 +57,9 @@ class Asking:
         self._in_good_state(step, lambda: self._client.change_session(session))
 
     def read(self, did: Did, *, times: int = READ_TIMES) -> bytes:
-        found = self._ask(
-            f"read {did.name.lower()}", lambda: self._client.read_data_by_identifier(int(did)), times=times
-        )
-        return bytes(found.service_data.values[int(did)])
+        number = int(did)
+        found = self._ask(f"read {did.name.lower()}", lambda: self._client.read_data_by_identifier(number), times=times)
+        return bytes(found.service_data.values[number])
 
     def number(self, did: Did, size: int) -> int:
         """Read a number of `size` bytes; raises FlashError if the ECU states another length."""
@@ -86,8 +81,7 @@ class Asking:
         return bytes(found.service_data.routine_status_record)
 
     def unlock(self, level: Level) -> None:
-        """Unlock a security level, and wait up to `DELAY_S` while the ECU accepts no key. Raises AccessError if the key
-        is wrong, or if wrong keys were sent too often."""
+        """Unlock a level; wait up to `DELAY_S` while the ECU accepts no key. Raises AccessError after wrong keys."""
         step = f"unlock {level.name.lower()}"
         until = self._clock() + DELAY_S
         had_late_answer = False
@@ -102,27 +96,17 @@ class Asking:
                     # The key may have been computed from the late answer to an earlier request.
                     had_late_answer = True
                     continue
-                if refused.code == Nrc.INVALID_KEY:
-                    raise AccessError(
-                        f"the ECU refused the key for {level.name.lower()}: it must be the ECU's key; name the key's "
-                        f"file with --access"
-                    ) from refused
-                if refused.code == Nrc.EXCEEDED_ATTEMPTS:
-                    raise AccessError(
-                        "the ECU refused the key, and accepts no key for 10 s after several wrong keys; wait, and name "
-                        "the ECU's key file with --access"
-                    ) from refused
-                if refused.code != Nrc.DELAY_NOT_EXPIRED:
+                if refused.code not in _NO_ACCESS:
                     raise
-                if self._clock() >= until:
-                    raise AccessError(
-                        f"the ECU accepts no key after wrong keys, even after {DELAY_S:g} s; wait, and try again"
-                    ) from refused
-            self.wait(1.0)
+                if refused.code != Nrc.DELAY_NOT_EXPIRED or self._clock() >= until:
+                    raise AccessError(_NO_ACCESS[refused.code].format(level=level.name.lower())) from refused
+            # The delay is longer than S3. This message, which the ECU does not answer, keeps the session open.
+            with self._client.suppress_positive_response:
+                self._client.tester_present()
+            self.sleep(1.0)
 
     def download(self, offset: int, length: int) -> int:
-        """Announce that `length` bytes of the image follow, from byte `offset` on. Return the length in bytes of the
-        largest transfer request that the ECU accepts."""
+        """Announce `length` bytes of the image from byte `offset` on; return the longest transfer request's length."""
         from udsoncan import MemoryLocation
 
         location = MemoryLocation(offset, length, address_format=32, memorysize_format=32)
@@ -151,23 +135,9 @@ class Asking:
             with suppress(RefusedError, NoAnswerError):
                 self._ask("stop sending", call, times=2)
 
-    def reset(self, *, times: int = TIMES) -> None:
-        """Request a hard reset; raises NotNowError if the reset would interrupt active control."""
-        self._in_good_state("reset", lambda: self._client.ecu_reset(1), times=times)
-
-    def wait(self, seconds: float, *, keep_session: bool = True) -> None:
-        """Wait. If `keep_session`, send messages during the wait, so that the session stays open."""
-        left = seconds
-        while left > 0:
-            if keep_session:
-                self.present()
-            self._sleep(min(left, PRESENT_S))
-            left -= PRESENT_S
-
-    def present(self) -> None:
-        """Send a tester-present message, which the ECU does not answer."""
-        with self._client.suppress_positive_response:
-            self._client.tester_present()
+    def reset(self) -> None:
+        """Request a hard reset, once; raises NotNowError if the reset would interrupt active control."""
+        self._in_good_state("reset", lambda: self._client.ecu_reset(1), times=1)
 
     def wait_until_there(self, seconds: float, step: str) -> Session:
         """Wait for an ECU that is starting, and return its session. Raises NoAnswerError after `seconds`."""
@@ -178,13 +148,13 @@ class Asking:
             except (NoAnswerError, IndexError, ValueError):
                 if self._clock() >= until:
                     raise NoAnswerError(step) from None
-            self._sleep(BUSY_WAIT_S)
+            self.sleep(BUSY_WAIT_S)
 
     def _in_good_state(self, step: str, call: Callable[[], Any], *, times: int = TIMES) -> Any:
         with in_good_state(step, "its jets are enabled or the vehicle asks for control"):
             return self._ask(step, call, times=times)
 
-    def _ask(self, step: str, call: Callable[[], T | None], *, times: int = TIMES) -> Any:
+    def _ask(self, step: str, call: Callable[[], Any], *, times: int = TIMES) -> Any:
         """Return the ECU's answer. Raises RefusedError for a negative answer; NoAnswerError after `times` attempts."""
         from udsoncan import exceptions
 
@@ -199,10 +169,10 @@ class Asking:
             except exceptions.NegativeResponseException as error:
                 self._has_answered = True
                 code = int(error.response.code or 0)
-                if code != BUSY or self._clock() - self._began > LONGEST_PENDING_S:
+                if code != Nrc.BUSY_REPEAT_REQUEST or self._clock() - self._began > LONGEST_PENDING_S:
                     raise RefusedError(step, code) from None
                 sent -= 1
-                self._sleep(BUSY_WAIT_S)
+                self.sleep(BUSY_WAIT_S)
             except (
                 exceptions.TimeoutException,
                 exceptions.InvalidResponseException,

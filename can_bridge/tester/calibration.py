@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.tester.asking import Asking
 from can_bridge.tester.messages import in_good_state, refusal_means
 from can_bridge.uds.services import Did, Nrc, Session
@@ -38,12 +38,8 @@ def read(asking: Asking) -> Calibrated:
             Calibration.unpack(of_release[start : start + PACKED_BYTES])
             for start in range(0, len(of_release), PACKED_BYTES)
         )
-        return Calibrated(
-            in_force=Calibration.unpack(in_force),
-            limits=CalibrationLimits(least=least, greatest=greatest),
-            release=release,
-            is_stored=is_stored,
-        )
+        limits = CalibrationLimits(least=least, greatest=greatest)
+        return Calibrated(in_force=Calibration.unpack(in_force), limits=limits, release=release, is_stored=is_stored)
     except ConfigError as error:
         raise FlashError(f"the ECU has a calibration of another version of stillwake ({error})") from error
 

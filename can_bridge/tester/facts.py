@@ -1,7 +1,5 @@
 """The properties that an ECU reports over UDS, its fault memory, and the check that a bundle fits the ECU."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -20,8 +18,7 @@ from contract.release.checks import Bundle, dbc_sha256
 
 @dataclass(frozen=True, kw_only=True)
 class EcuFacts:
-    """The properties of one ECU. `dbc_sha256` is the hash of the DBC whose messages the ECU sends. `capacity` is the
-    largest image's size in bytes."""
+    """The properties of one ECU. `dbc_sha256` is its DBC's hash, and `capacity` the largest image's size in bytes."""
 
     hardware: str
     serial_number: str
@@ -33,8 +30,7 @@ class EcuFacts:
 
 
 def read_facts(asking: Asking) -> EcuFacts:
-    """Read all properties. Raises RefusedError if the ECU lacks a property; FlashError for a number of unexpected
-    length; BusError for a damaged report."""
+    """Read all properties. Raises RefusedError if one is missing, FlashError or BusError for an unexpected value."""
     return EcuFacts(
         hardware=_text(asking, Did.HARDWARE),
         serial_number=_text(asking, Did.SERIAL_NUMBER),
@@ -88,14 +84,8 @@ _ENTERED = Status.PENDING | Status.CONFIRMED | Status.TEST_FAILED
 
 @dataclass(frozen=True, kw_only=True)
 class StoredFault:
-    """A trouble code that is or was present.
-
-    Attributes:
-        code: number of the trouble code, with three bytes.
-        age: number of operation cycles without the fault since the fault was last found.
-        time_ms, mode_before, missed, overruns, pressures_cp: values at the time when the fault was found; None if no
-            snapshot is stored.
-    """
+    """A trouble code that is or was present: a number of three bytes. `age` is the number of operation cycles without
+    the fault since it was last found. The last five fields are the stored snapshot; None without a snapshot."""
 
     code: int
     reason: Reason

@@ -82,7 +82,8 @@ class RefusedError(FlashError):
     status: ClassVar[int] = 7
 
     def __init__(self, step: str, code: int) -> None:
-        super().__init__(f"the ECU refused to {step}: {in_words(code)}")
+        name = Nrc(code).name.lower().replace("_", " ") if code in Nrc.__members__.values() else "unknown code"
+        super().__init__(f"the ECU refused to {step}: {name} (0x{code:02X})")
         self.code = code
 
 
@@ -103,9 +104,3 @@ def in_good_state(step: str, why: str) -> Iterator[None]:
     text = f"the ECU refused to {step} now: {why}; withdraw the enable request and try again"
     with refusal_means(Nrc.CONDITIONS_NOT_CORRECT, NotNowError(text)):
         yield
-
-
-def in_words(code: int) -> str:
-    """Return a negative response code for people: its name in ISO 14229-1 and its number."""
-    name = Nrc(code).name.lower().replace("_", " ") if code in Nrc.__members__.values() else "unknown code"
-    return f"{name} (0x{code:02X})"

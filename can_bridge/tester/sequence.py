@@ -5,14 +5,11 @@ release. If `flash` is called again, it continues from the state of the ECU: wit
 not yet activated, or with a release on trial.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum, auto
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -40,16 +37,7 @@ RESET_S: Final = 0.5
 """Time in s from the answer to a reset until the ECU has stopped."""
 RESETS: Final = 3
 """Number of resets after which the tester gives up if the ECU does not start the new release."""
-
-
-class Step(Enum):
-    IDENTIFY = auto()
-    PRECONDITIONS = auto()
-    TRANSFER = auto()
-    ACTIVATE = auto()
-    RESET = auto()
-    SELF_TEST = auto()
-    CONFIRM = auto()
+Step = Enum("Step", "IDENTIFY PRECONDITIONS TRANSFER ACTIVATE RESET SELF_TEST CONFIRM")
 
 
 class End(Enum):
@@ -66,9 +54,8 @@ class End(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class Flashed:
-    """The report on one run of `flash`. `resumed_from` is the number of bytes that the ECU had before the transfer;
-    None if no image had to be transferred. `attempts` counts the announcements of the image. `unanswered` counts the
-    requests that were repeated because no answer came."""
+    """The report on one run of `flash`. `resumed_from` is the number of bytes that the ECU had before the transfer,
+    None without a transfer; `attempts` counts announcements, `unanswered` requests repeated for want of an answer."""
 
     end: End
     before: EcuFacts
@@ -80,7 +67,7 @@ class Flashed:
 
 
 def flash(
-    client: Client,
+    client: "Client",
     image: bytes,
     *,
     key: KeyOf | None,
@@ -105,7 +92,7 @@ def flash(
     """
     began = clock()
     asking = Asking(client, key=key, clock=clock, sleep=sleep)
-    done = _Flashing(asking, image, dry_run, confirm, judge, progress, on_step).run()
+    done = _Flashing(asking, image, digest_of(image), dry_run, confirm, judge, progress, on_step).run()
     return replace(done, unanswered=asking.unanswered, seconds=clock() - began)
 
 
@@ -114,9 +101,9 @@ def reset_and_wait(asking: Asking) -> None:
     for _ in range(RESETS):
         # An error does not matter: the answer may be lost, or the ECU may already be resetting.
         with suppress(NoAnswerError, RefusedError):
-            asking.reset(times=1)
+            asking.reset()
         # The ECU answers before it resets, so it may still be running.
-        asking.wait(RESET_S, keep_session=False)
+        asking.sleep(RESET_S)
         if asking.wait_until_there(RESTART_S, "start again after the reset") is Session.DEFAULT:
             return
     raise NoAnswerError("start again after the reset")
@@ -126,15 +113,12 @@ def reset_and_wait(asking: Asking) -> None:
 class _Flashing:
     asking: Asking
     image: bytes
+    digest: str
     dry_run: bool
     confirm: bool
     judge: Callable[[EcuFacts], None]
     progress: OnProgress
     on_step: Callable[[Step], None]
-
-    @cached_property
-    def digest(self) -> str:
-        return digest_of(self.image)
 
     def run(self) -> Flashed:
         asking, attempts = self.asking, 0
@@ -171,24 +155,21 @@ class _Flashing:
             self.on_step(Step.TRANSFER)
             transferred = Transfer(self.asking, self.image, self.progress).run()
             self.on_step(Step.ACTIVATE)
-            if self._activate():
+            try:
+                in_programming(self.asking, Routine.ACTIVATE)
+            except RefusedError as refused:
+                # If the ECU lost power right after it carried out the request, it has already booted the new release.
+                if refused.code != Nrc.SEQUENCE_ERROR or not self._is_ours(read_store(self.asking).running_slot):
+                    raise
                 return transferred
         except (FlashError, KeyboardInterrupt):
-            self._leave()
+            # After an announcement, only a reset lets the jets run again. The ECU's old release then runs.
+            with suppress(FlashError):
+                self.asking.session(Session.PROGRAMMING)
+                self.asking.reset()
             raise
         self._start()
         return transferred
-
-    def _activate(self) -> bool:
-        """Activate the image for the next reset; return whether the image already runs."""
-        try:
-            in_programming(self.asking, Routine.ACTIVATE)
-        except RefusedError as refused:
-            # If the ECU lost power right after it carried out the request, it has already booted the new release.
-            if refused.code != Nrc.SEQUENCE_ERROR or not self._is_ours(read_store(self.asking).running_slot):
-                raise
-            return True
-        return False
 
     def _start(self) -> None:
         for _ in range(RESETS):
@@ -214,12 +195,14 @@ class _Flashing:
         try:
             in_programming(self.asking, Routine.SELF_TEST)
         except RefusedError as refused:
-            store = self._go_back()
-            raise NotPassedError(f"the new release did not pass its self-test; {_runs(store)} again") from refused
+            enter_programming(self.asking)
+            in_programming(self.asking, Routine.REVERT)
+            reset_and_wait(self.asking)
+            runs = _runs(read_store(self.asking))
+            raise NotPassedError(f"the new release did not pass its self-test; {runs} again") from refused
         return read_store(self.asking)
 
     def _confirm(self) -> StoreReport:
-        """Confirm the running release; return the store's report afterwards."""
         for left in reversed(range(transfer.TRIES)):
             try:
                 in_programming(self.asking, Routine.CONFIRM)
@@ -232,24 +215,11 @@ class _Flashing:
                 # If the ECU lost power right after it carried out the request, the release is already confirmed.
                 if store.running == store.active:
                     return store
-                # If the ECU lost power before it carried out the request, the self-test is repeated, because an ECU
-                # confirms a release only after a self-test since its boot.
+                # If the ECU lost power before it carried out the request, it first needs another self-test.
                 if running.phase is not SlotPhase.TRIAL or not left:
                     raise
             self._try_out()
         return read_store(self.asking)
-
-    def _go_back(self) -> StoreReport:
-        enter_programming(self.asking)
-        in_programming(self.asking, Routine.REVERT)
-        reset_and_wait(self.asking)
-        return read_store(self.asking)
-
-    def _leave(self) -> None:
-        """Reset the ECU, so that its old release runs. After an announcement, only a reset lets the jets run again."""
-        with suppress(FlashError):
-            self.asking.session(Session.PROGRAMMING)
-            self.asking.reset(times=1)
 
     def _is_ours(self, slot: SlotReport | None) -> bool:
         return slot is not None and slot.digest == self.digest != ""

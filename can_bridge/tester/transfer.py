@@ -5,11 +5,10 @@ session and a new announcement. The answer to the announcement states the byte f
 """
 
 import hashlib
-import struct
 from collections.abc import Callable
 from typing import Final
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.tester import messages
 from can_bridge.tester.asking import Asking
@@ -60,50 +59,34 @@ STALLS: Final = 5
 """Largest number of consecutive attempts to transfer an image in which the ECU receives no further bytes."""
 TRIES: Final = 3
 """Largest number of attempts at a step. A step is repeated if the session ended during the step."""
-_SESSION_ENDED: Final = frozenset(
-    {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION, Nrc.SECURITY_ACCESS_DENIED}
-)
+_SESSION_ENDED: Final = {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION, Nrc.SECURITY_ACCESS_DENIED}
 STARTING_S: Final = 15.0
-
-_AGAIN: Final = _SESSION_ENDED | frozenset(
-    {
-        Nrc.SEQUENCE_ERROR,
-        Nrc.UPLOAD_DOWNLOAD_NOT_ACCEPTED,
-        Nrc.TRANSFER_SUSPENDED,
-        Nrc.PROGRAMMING_FAILURE,
-        Nrc.WRONG_BLOCK_COUNTER,
-        # The ECU gives this answer to a routine or a download whose session has ended.
-        Nrc.OUT_OF_RANGE,
-        Nrc.CONDITIONS_NOT_CORRECT,
-    }
+# OUT_OF_RANGE is the ECU's answer to a routine or a download whose session has ended.
+_AGAIN: Final = (
+    _SESSION_ENDED
+    | {Nrc.SEQUENCE_ERROR, Nrc.UPLOAD_DOWNLOAD_NOT_ACCEPTED, Nrc.TRANSFER_SUSPENDED, Nrc.PROGRAMMING_FAILURE}
+    | {Nrc.WRONG_BLOCK_COUNTER, Nrc.OUT_OF_RANGE, Nrc.CONDITIONS_NOT_CORRECT}
 )
-_DAMAGED_ON_THE_WAY: Final = frozenset({Verdict.INCOMPLETE, Verdict.WRONG_HASH, Verdict.UNREADABLE})
-_ANNOUNCEMENT: Final = struct.Struct(">I32s")
-_COUNTERS: Final = 256
+_DAMAGED_ON_THE_WAY: Final = {Verdict.INCOMPLETE, Verdict.WRONG_HASH, Verdict.UNREADABLE}
 
 
 class Transfer:
     def __init__(self, asking: Asking, image: bytes, progress: OnProgress) -> None:
-        self._asking = asking
-        self._image = image
-        self._progress = progress
+        self._asking, self._image, self._progress = asking, image, progress
         self._lengths = BlockLength()
         self._received = 0
 
     def run(self) -> tuple[int, int]:
         """Transfer the image, in several attempts if necessary. Afterwards the ECU's verdict is good, and the ECU is in
         the programming session and unlocked. Returns how many bytes the ECU had before, and the number of attempts.
-
-        Raises:
-            ImageRefusedError: the verdict is not good.
-            LostError: the ECU no longer answers.
-            RefusedError, NotNowError, AccessError: the ECU refused a request.
-        """
+        Raises ImageRefusedError for another verdict, LostError if the ECU no longer answers, and RefusedError,
+        NotNowError or AccessError if it refuses a request."""
         resumed_from, attempts, stalls = 0, 0, 0
         while True:
             attempts, before = attempts + 1, self._received
             try:
-                offset = self.announce()
+                enter_programming(self._asking)
+                offset = self._announce()
                 resumed_from = offset if attempts == 1 else resumed_from
                 self._received = offset
                 self._progress(offset, len(self._image))
@@ -127,10 +110,8 @@ class Transfer:
             if stalls >= STALLS:
                 raise failure
 
-    def announce(self) -> int:
-        """Announce the image in a new session; return the offset of the first byte to send."""
-        enter_programming(self._asking)
-        option = _ANNOUNCEMENT.pack(len(self._image), hashlib.sha256(self._image).digest())
+    def _announce(self) -> int:
+        option = len(self._image).to_bytes(4, "big") + hashlib.sha256(self._image).digest()
         answer = self._asking.routine(Routine.ERASE, option)
         offset = int.from_bytes(answer[:4], "big")
         if len(answer) != 4 or offset > len(self._image):
@@ -160,7 +141,7 @@ class Transfer:
                     self._lengths.lost()
             if self._asking.unanswered == unanswered:
                 self._lengths.arrived()
-            counter = (counter + 1) % _COUNTERS
+            counter = (counter + 1) % 256
             offset += len(block)
             self._received = offset
             self._progress(offset, len(self._image))
@@ -193,7 +174,7 @@ def bring(asking: Asking, raw: bytes, *, is_again: bool = False) -> tuple[int, i
     """Replace the key list; return the versions of the old list (0 if there was none) and of the new list. If
     `is_again`, a list of the ECU's present version is not sent: an earlier, interrupted call may have sent it. Raises
     WrongKeysError if the ECU rejects the new list; FlashError if the ECU may not write now or does not answer."""
-    before = _version(asking)
+    before = asking.number(Did.KEY_LIST, 4)
     if is_again and raw[key_list.VERSION] == before.to_bytes(4, "big"):
         return before, before
     enter_programming(asking)
@@ -203,10 +184,6 @@ def bring(asking: Asking, raw: bytes, *, is_again: bool = False) -> tuple[int, i
     )
     with messages.refusal_means(Nrc.OUT_OF_RANGE, wrong):
         asking.write(Did.KEY_LIST, raw)
-    after = _version(asking)
+    after = asking.number(Did.KEY_LIST, 4)
     asking.session(Session.DEFAULT)
     return before, after
-
-
-def _version(asking: Asking) -> int:
-    return asking.number(Did.KEY_LIST, 4)

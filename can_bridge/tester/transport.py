@@ -31,8 +31,6 @@ _SAME: Final = {
     **{Service.FAULT_SETTING: slice(1, 2), Service.ROUTINE: slice(1, 4)},
 }
 """Bytes of a request that a positive response repeats at the same place: sub-function, identifier or block counter."""
-_OF_ONE_CODE: Final = frozenset({FaultReport.SNAPSHOT, FaultReport.EXTENDED})
-"""Fault reports whose answers also repeat the request's trouble code."""
 
 
 def answers(request: bytes, response: bytes) -> bool:
@@ -42,8 +40,8 @@ def answers(request: bytes, response: bytes) -> bool:
     if response[0] == NEGATIVE:
         return len(response) >= 3 and response[1] == request[0]
     same = _SAME.get(Service(request[0])) if request[0] in Service.__members__.values() else None
-    if request[0] == Service.REPORT_FAULTS and request[1] in _OF_ONE_CODE:
-        same = slice(1, 2 + CODE_BYTES)
+    if request[0] == Service.REPORT_FAULTS and request[1] in (FaultReport.SNAPSHOT, FaultReport.EXTENDED):
+        same = slice(1, 2 + CODE_BYTES)  # the trouble code, too
     return response[0] == request[0] + POSITIVE and (same is None or request[same] == response[same])
 
 
@@ -54,7 +52,6 @@ FRAME_S: Final = 1.0
 _TURN_S: Final = 0.02
 FLOW_CONTROL_MS: Final = 1000
 """Timeout in ms for a flow control frame (N_Bs), and for the next consecutive frame (N_Cr) (ISO 15765-2)."""
-_MOST_WAITS: Final = 100
 _ENDS_SENDING: Final = (isotp.FlowControlTimeoutError, isotp.OverflowError, isotp.MaximumWaitFrameReachedError)
 
 
@@ -84,8 +81,7 @@ class BusConnection(BaseConnection):
         mode = isotp.AddressingMode.Normal_29bits if request.is_extended else isotp.AddressingMode.Normal_11bits
         self._bus = bus
         self._request = b""
-        self._is_open = False
-        self._failed = False
+        self._is_open = self._failed = False
         self._layer: Any = isotp.TransportLayerLogic(
             rxfn=self._receive_frame,
             txfn=self._send_frame,
@@ -100,7 +96,7 @@ class BusConnection(BaseConnection):
                 "tx_data_min_length": 8,
                 "tx_padding": PADDING,
                 "max_frame_size": MAX_REQUEST,
-                "wftmax": _MOST_WAITS,
+                "wftmax": 100,
                 "rx_flowcontrol_timeout": FLOW_CONTROL_MS,
                 "rx_consecutive_frame_timeout": FLOW_CONTROL_MS,
             },

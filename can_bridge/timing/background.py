@@ -64,18 +64,13 @@ class PeriodicMessage:
 
     def worst_ns(self, bus: BusConfig) -> int:
         """Return the longest time in ns for which a frame of the message occupies the bus."""
-        return worst_case_ns(
-            self.frame(bytes(self.length)), nominal_bitrate=bus.nominal_bitrate, data_bitrate=bus.data_bitrate
-        )
-
-
-_OURS: Final = {(spec.name, spec.frame_id) for spec in SPECS}
+        frame = self.frame(bytes(self.length))
+        return worst_case_ns(frame, nominal_bitrate=bus.nominal_bitrate, data_bitrate=bus.data_bitrate)
 
 
 @dataclass(frozen=True, kw_only=True)
 class BackgroundTraffic:
-    """The messages of other nodes, highest priority first. `left_out` has the name of each message in the file that is
-    not sent, with the reason."""
+    """The messages of other nodes, highest priority first. `left_out` names each message that is not sent, and why."""
 
     messages: tuple[PeriodicMessage, ...]
     left_out: tuple[str, ...] = ()
@@ -85,9 +80,8 @@ def read_traffic(path: Path, bus: BusConfig, *, seed: int) -> BackgroundTraffic:
     """Return a file's messages at their cycle times (`GenMsgCycleTime` in a DBC), with random phases from `seed`.
 
     A message is left out if it has no cycle time, is longer than a frame, is CAN FD without bit-rate switching, or is
-    one of stillwake's messages, which the file of a whole vehicle also has. Raises BusError as `load_network` does, or
-    if no message is left, two messages have the same identifier, one has an identifier of stillwake, or one is CAN FD
-    on a classic bus.
+    one of stillwake's messages. Raises BusError as `load_network` does, or if no message is left, two messages have the
+    same identifier, one has an identifier of stillwake, or one is CAN FD on a classic bus.
     """
     database = load_network(path)
     random = Random(seed)
@@ -123,8 +117,7 @@ def read_traffic(path: Path, bus: BusConfig, *, seed: int) -> BackgroundTraffic:
 
 
 def _why_not(message: "Message", database: "Database") -> str | None:
-    """Return why this message cannot be sent; None if it can be sent."""
-    if (message.name, message.frame_id) in _OURS:
+    if (message.name, message.frame_id) in ((spec.name, spec.frame_id) for spec in SPECS):
         return "stillwake's own"
     if not message.cycle_time or round(message.cycle_time * NS_PER_MS) <= 0:
         return "no cycle time"
@@ -136,7 +129,6 @@ def _why_not(message: "Message", database: "Database") -> str | None:
 
 
 def _switches_rate(message: "Message", database: "Database") -> bool:
-    """Return whether the message switches its bit rate, by the file's attribute `CANFD_BRS` or its default."""
     if message.dbc is None or database.dbc is None:
         return True
     given = message.dbc.attributes.get("CANFD_BRS")
@@ -160,8 +152,6 @@ _PERIOD_WEIGHTS: Final = (1, 6, 6, 3, 8, 3, 2, 3)
 """Periods in ms of generated messages, and their weights as in published benchmarks of body and powertrain buses."""
 _CLASSIC_LENGTHS: Final = (8, 8, 8, 8, 6, 4, 2)
 _FD_LENGTHS: Final = (8, 8, 16, 24, 32, 48, 64, 64)
-_IDS: Final = range(0x010, 0x700)
-"""Identifiers of generated messages; smaller numbers are for network management, larger numbers for diagnostics."""
 
 
 def background(bus: BusConfig) -> BackgroundTraffic:
@@ -213,7 +203,8 @@ def _draw(load: float, bus: BusConfig, random: Random) -> Iterator[tuple[int, in
 
 def _identifiers(count: int, random: Random) -> list[int]:
     """Return `count` free identifiers in rising order. There are enough for all loads and bit rates."""
-    free = [frame_id for frame_id in _IDS if frame_id not in OUR_IDS]
+    # Smaller numbers are for network management, larger numbers for diagnostics.
+    free = [frame_id for frame_id in range(0x010, 0x700) if frame_id not in OUR_IDS]
     above = [frame_id for frame_id in free if frame_id < min(OUR_IDS)]
     below = [frame_id for frame_id in free if frame_id > max(OUR_IDS)]
     fixed = [random.choice(part) for part in (above, below)] if count > 1 else []
@@ -221,27 +212,18 @@ def _identifiers(count: int, random: Random) -> list[int]:
     return sorted([*fixed, *random.sample(rest, count - len(fixed))])
 
 
-DRIFT_PPM: Final = 200
-"""Largest drift in ppm between two quartz clocks whose errors are 100 ppm each."""
-
-
 def send_background(
-    bus: SimulatedBus,
-    port: SimulatedPort,
-    messages: Iterable[PeriodicMessage],
-    seed: int,
-    *,
-    drift_ppm: float = DRIFT_PPM,
+    bus: SimulatedBus, port: SimulatedPort, messages: Iterable[PeriodicMessage], seed: int, *, drift_ppm: float = 200
 ) -> None:
     """Let a node of the simulated bus send periodic messages with random contents. Each message starts at its offset
     from now, and is late by at most its jitter. Each message has a separate clock, as if a separate node sent it, so
-    that its phase relative to the control loop changes during a run. `SimulatedPort.refused` counts the frames that the
-    bus refuses.
+    that its phase relative to the control loop changes during a run. `SimulatedPort.refused` counts refused frames.
 
     Args:
         seed: random seed of contents, jitter and clocks. Each message has an independent random sequence.
-        drift_ppm: largest drift of the clocks. A clock is slower than the bus's time by a drift between 0 and this
-            value. No clock is faster, because the response-time analysis assumes that no period is shorter than stated.
+        drift_ppm: largest drift of the clocks; 200 for two quartz clocks whose errors are 100 ppm each. A clock is
+            slower than the bus's time by a drift between 0 and this value. No clock is faster, because the
+            response-time analysis assumes that no period is shorter than stated.
     """
 
     def plan(message: PeriodicMessage, random: Random, period_ns: int, due_ns: int) -> None:

@@ -31,8 +31,7 @@ LONGEST_BUSY_NS: Final = 60 * 10**9
 
 
 class MessageTiming(NamedTuple):
-    """A message's parameters in the analysis: C, T, D and J in the source. `deadline_ns` is the longest permitted time
-    from the release to the end of the frame."""
+    """A message's C, T, D and J of the source. `deadline_ns` is the longest permitted time to the end of the frame."""
 
     frame_ns: int
     period_ns: int
@@ -46,8 +45,7 @@ class Response:
 
     Attributes:
         blocking_ns: time of the longest frame of lower priority, B.
-        response_ns: longest time from the release to the end of the frame, including the intermission; None if
-            unbounded.
+        response_ns: longest time from release to end of frame, including the intermission; None if unbounded.
     """
 
     blocking_ns: int
@@ -76,13 +74,8 @@ def message_response_times(messages: Sequence[PeriodicMessage], bus: BusConfig) 
         if one.priority >= other.priority:
             raise ValueError(f"{one.name} is before {other.name}: messages must have decreasing priorities")
     timings = [
-        MessageTiming(
-            frame_ns=message.worst_ns(bus),
-            period_ns=message.period_ns,
-            deadline_ns=message.deadline_ns or message.period_ns,
-            jitter_ns=message.jitter_ns,
-        )
-        for message in messages
+        MessageTiming(one.worst_ns(bus), one.period_ns, one.deadline_ns or one.period_ns, one.jitter_ns)
+        for one in messages
     ]
     return response_times(timings, bit_ns=_ceil(10**9, bus.nominal_bitrate))
 
@@ -102,8 +95,7 @@ def _response(own: MessageTiming, higher: _Rhythms, blocking: int, bit_ns: int) 
     if busy is None:
         return Response(blocking_ns=blocking, response_ns=None, deadline_ns=own.deadline_ns)
     worst = 0
-    # The search for a frame's start begins at the end of the previous frame, because the frames of a message are sent
-    # in the order in which they were queued.
+    # The search for a frame's start begins at the previous frame's end: a message's frames are sent in their order.
     queued = blocking
     for instance in range(_ceil(busy + own.jitter_ns, own.period_ns)):
         while True:
@@ -188,14 +180,8 @@ def bus_load(config: Config) -> BusLoad:
     ours = loop_messages(config, others.messages)
     everyone = _by_priority((*ours, *others.messages))
     loads = tuple(
-        MessageLoad(
-            message=message,
-            ours=message in ours,
-            worst_ns=message.worst_ns(bus),
-            mean_ns=mean_ns(message, bus),
-            response=response,
-        )
-        for message, response in zip(everyone, message_response_times(everyone, bus), strict=True)
+        MessageLoad(message=one, ours=one in ours, worst_ns=one.worst_ns(bus), mean_ns=mean_ns(one, bus), response=time)
+        for one, time in zip(everyone, message_response_times(everyone, bus), strict=True)
     )
     return BusLoad(
         messages=loads,
@@ -217,10 +203,8 @@ def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tup
         )
     compute_ns = round(config.ecu.compute_time_ms * NS_PER_MS)
     pressure, speed, command, status = (
-        PeriodicMessage(
-            name=spec.name, frame_id=spec.frame_id, is_fd=spec.is_fd, length=spec.length, period_ns=period_ns
-        )
-        for spec in message_set(config.bus).specs
+        PeriodicMessage(name=one.name, frame_id=one.frame_id, is_fd=one.is_fd, length=one.length, period_ns=period_ns)
+        for one in message_set(config.bus).specs
     )
     everyone = _by_priority((pressure, speed, command, status, *others))
     arrival = message_response_times(everyone, config.bus)[everyone.index(pressure)]

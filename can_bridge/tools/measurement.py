@@ -2,9 +2,8 @@
 
 A `.mf4` file is for asammdf's window, CANape and vSignalyzer. An `.mcap` file is for Foxglove, Rerun and PlotJuggler.
 
-A node on a real bus writes a text file while it runs, and converts this file to a measurement when it ends. A process
-that is killed leaves the text file `.NAME.PID.log`, in candump's format, in the measurement's folder; a later process
-never replaces this file.
+A node on a real bus writes a text file while it runs, and converts this file to a measurement when it ends. A killed
+process leaves the text file `.NAME.PID.log`, in candump's format, in that folder; no later process replaces it.
 """
 
 import os
@@ -37,14 +36,10 @@ from contract.errors import BusError, StillwakeError
 
 MEASUREMENTS: Final = (".mf4", ".mcap")
 _ENUMS: Final = {"Mode": Mode, "State": Mode, "Reason": Reason}
-WORDS: Final[Mapping[str, Mapping[int, str]]] = {
-    name: {int(one): one.name for one in kind} for name, kind in _ENUMS.items()
-}
+WORDS: Final = {name: {int(one): one.name for one in kind} for name, kind in _ENUMS.items()}
 """Names of the values of signals that are enumerations."""
 _IN_THE_FRAME: Final = ("Freshness", "MAC")
 """Signals of 64 bits. They get no channel, because a channel's floating-point numbers have only 53 bits."""
-_PAUSE_S: Final = 0.05
-"""Pause in s between two writes of a live log. It is short, so that no write delays a control step for long."""
 
 
 def check_measurement(path: Path) -> None:
@@ -115,9 +110,8 @@ def groups_of(messages: Iterable[can.Message]) -> tuple[list[ChannelGroup], Coun
 
 @contextmanager
 def live_log(path: Path | None) -> Iterator[Callable[[Frame, bool], None]]:
-    """Yield a function that stores a frame and whether the frame was received. Any thread may call this function, and
-    the function never waits. The measurement is written when the `with` block ends, even with an error. Without a path
-    nothing is stored.
+    """Yield a function that stores a frame and whether it was received; it never waits, and any thread may call it. The
+    measurement is written when the `with` block ends, even with an error. Without a path nothing is stored.
 
     Times are the computer's date and time at the start of the log, plus the time that its monotonic clock has measured
     since. Raises StillwakeError if the measurement cannot be written, unless the block has already raised an error.
@@ -175,7 +169,7 @@ class _Log:
             with self._writer:
                 ends = False
                 while not ends:
-                    ends = self._ends.wait(_PAUSE_S)
+                    ends = self._ends.wait(0.05)  # short, so that no write delays a control step for long
                     batch = [self._frames.popleft() for _ in range(len(self._frames))]
                     for time_ns, frame, received in sorted(batch, key=lambda one: one[0]):
                         message = to_message(frame)

@@ -17,8 +17,7 @@ from contract.errors import ConfigError
 
 class RawBus(OpenBus):
     def receive_message(self, timeout_s: float) -> can.Message | None:
-        """Return the next message of any kind, even if it is not valid; None if none came in time or the data are
-        unreadable. Raises BusError if the bus failed or delivers only garbage."""
+        """Return the next message, valid or not; None if none came or it is unreadable. Raises BusError if it fails."""
         message = self._received(timeout_s)
         return None if isinstance(message, Rejection) else message
 
@@ -28,8 +27,7 @@ class RawBus(OpenBus):
 
 
 def open_bus(config: BusConfig) -> RawBus:
-    """Connect to a bus with other nodes. Raises ConfigError for the simulated bus, which no other process can join.
-    Raises BusError as `open_backend` does."""
+    """Connect to a bus. Raises ConfigError for the simulated bus, and BusError as `open_backend` does."""
     if config.interface == SIMULATED:
         raise ConfigError(
             "bus.interface = simulated: that bus exists only within a run; name a real bus, e.g. "

@@ -4,6 +4,7 @@
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -24,13 +25,6 @@ if TYPE_CHECKING:
 
 PROTECTION: Final = frozenset({"E2E_CRC", "E2E_Counter", "Freshness", "MAC"})
 """Signals that only serve to protect the message."""
-
-STALE_MS: Final = 70
-"""Largest age in ms that a frame of the classic set can state. The value means this age or any greater age."""
-INVALID_PA: Final = -specs.INT12_MAX - 1
-"""Value in Pa with which a frame of the classic set reports that the sensor's own diagnosis found a fault."""
-NO_SPEED: Final = specs.SPEED_UNKNOWN * specs.SPEED_RESOLUTION_M_PER_S
-"""Value in m/s with which a frame reports that the vehicle's speed is unknown."""
 
 
 class SignalValue(NamedTuple):
@@ -86,12 +80,14 @@ def _signals(value: Pressure | VehicleSpeed | JetCommand | EcuStatus, spec: Mess
             yield SignalValue("Age", value.age_ns / 1e6, "ms")
         case Pressure():
             yield SignalValue("EnableRequest", int(value.enable_request))
-            yield SignalValue("Age", STALE_MS if value.age_ns == STALE_NS else value.age_ns / 1e6, "ms")
+            # The largest value of the field, 70 ms, means this age or any greater age.
+            yield SignalValue("Age", 70 if value.age_ns == STALE_NS else value.age_ns / 1e6, "ms")
             for i, (pressure, valid) in enumerate(zip(value.pressure_pa, value.valid, strict=True)):
-                yield _or_word(f"Pressure{i}", pressure if valid else None, "Pa", INVALID_PA, "INVALID")
+                yield _or_word(f"Pressure{i}", pressure if valid else None, "Pa", -specs.INT12_MAX - 1, "INVALID")
         case VehicleSpeed():
+            no_speed = specs.SPEED_UNKNOWN * specs.SPEED_RESOLUTION_M_PER_S
             yield _or_word("AirDensity", value.density_kg_per_m3, "kg/m3", specs.DENSITY_UNKNOWN, "NOT_KNOWN")
-            yield _or_word("Speed", value.speed_m_per_s, "m/s", NO_SPEED, "NOT_AVAILABLE")
+            yield _or_word("Speed", value.speed_m_per_s, "m/s", no_speed, "NOT_AVAILABLE")
             yield SignalValue("Age", value.age_ns / 1e6, "ms")
         case JetCommand():
             yield SignalValue("Mode", int(value.mode), text=value.mode.name)
@@ -161,10 +157,8 @@ def _value(text: str, signal: "Signal", value: str) -> float | str:
     names = [str(one) for one in (signal.choices or {}).values()]
     if value in names:
         return value
-    try:
+    with suppress(ValueError):
         return int(value, 0)
-    except ValueError:
-        pass
     try:
         number = float(value)
     except ValueError:

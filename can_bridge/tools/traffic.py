@@ -58,11 +58,9 @@ class Traffic:
         decoded: content of the newest frame; None for a message that is not ours.
         channel: the log's channel on which the frames were recorded; empty on a bus.
         recent_ns: times of the newest frames, oldest first, at most RATE_OVER + 1 times.
-        check: result of the newest frame's end-to-end check; None for a message without protection, or if the frame's
-            MAC was rejected.
+        check: result of the newest frame's end-to-end check; None without protection, or if the MAC was rejected.
         mac: verdict on the MAC of the newest frame; None for a message without authentication.
-        lost: number of frames that are missing according to the counters. The counters do not show the loss of a whole
-            counter period or more, and a restart of the sender looks like a loss.
+        lost: number of frames missing by the counters, up to a period in a row; a sender's restart looks like a loss.
         receiver: state of the end-to-end check, with the number of each result.
     """
 
@@ -130,8 +128,7 @@ class Traffic:
 
     @property
     def verdict(self) -> str:
-        """The verdict on the newest frame, in words: the reason to reject the frame, or the result of its end-to-end
-        check; empty if the message has no checks."""
+        """The reason to reject the newest frame, or the result of its end-to-end check; empty without any check."""
         if self.mac is not None and self.mac in MAC_REFUSED:
             return str(self.mac.value)
         return "" if self.check is None else CHECK_TEXT[self.check]
@@ -269,11 +266,9 @@ class Summary:
             self.unsound += not (message.is_error_frame or message.is_remote_frame)
             return None
         channel = "" if message.channel is None else str(message.channel)
-        self.busy_ns[channel] += frame_ns(
-            frame,
-            nominal_bitrate=self.config.nominal_bitrate,
-            data_bitrate=self.config.data_bitrate if message.bitrate_switch else self.config.nominal_bitrate,
-        )
+        slow = self.config.nominal_bitrate
+        fast = self.config.data_bitrate if message.bitrate_switch else slow
+        self.busy_ns[channel] += frame_ns(frame, nominal_bitrate=slow, data_bitrate=fast)
         place = (channel, frame.is_extended, frame.frame_id)
         if place not in self.messages and len(self.messages) == self.most:
             self.unlisted += 1
@@ -286,9 +281,8 @@ class Summary:
 
 
 def rows(summary: Summary, *, matching: str = "") -> list[tuple[Traffic, list[SignalCell]]]:
-    """Return the messages with their signals, sorted by channel and identifier. An unknown or unreadable message has
-    its bytes in place of signals. All words in `matching` must occur in the message's name, identifier or channel, or
-    in the signal's name; case is ignored."""
+    """Return the messages with their signals, sorted by channel and identifier; an unknown or unreadable one has its
+    bytes. All words in `matching` must occur in name, identifier or channel, or in the signal's name, in any case."""
     words = matching.lower().split()
     shown = []
     for _, traffic in sorted(summary.messages.items()):

@@ -14,14 +14,12 @@ from can_bridge.uds.services import Did, Nrc, Refused
 from contract.controller.calibration import PACKED_BYTES, Calibration
 from contract.errors import ConfigError, KeyFileError
 
-DIDS: Final = frozenset({Did.CALIBRATION, Did.CALIBRATION_LIMITS, Did.CALIBRATION_STORED})
-"""Identifiers that this service reads and writes."""
 _REVERT: Final = b"\x00"
 _STORE: Final = b"\x01"
 
 
 class CalibrationService:
-    """A service for the identifiers `DIDS`; the server checks session, security level and length.
+    """A service for the identifiers of the calibration; the server checks session, security level and length.
 
     Args:
         kept: returns the values stored for the running release, or None.
@@ -37,18 +35,16 @@ class CalibrationService:
         *,
         kept: Callable[[], bytes | None],
         keep: Callable[[bytes | None], None],
-        refusal: Callable[[], Nrc | None] = lambda: None,
+        refusal: Callable[[], Nrc | None],
     ) -> None:
         self._segment = segment
         self._kept, self._keep, self._refusal = kept, keep, refusal
 
     def restore(self) -> ConfigError | None:
         """Put stored values in force after power-on; return the error if they are not allowed."""
-        raw = self._kept()
-        if raw is None:
-            return None
         try:
-            self._segment.set(Calibration.unpack(raw))
+            if (raw := self._kept()) is not None:
+                self._segment.set(Calibration.unpack(raw))
         except ConfigError as error:
             return error
         return None
@@ -58,7 +54,7 @@ class CalibrationService:
         self._keep_if_allowed(calibration.pack())
 
     def read(self, did: Did) -> bytes:
-        """Return the value of an identifier; raises Refused for an identifier that is not in `DIDS`."""
+        """Return the value of an identifier; raises Refused for an identifier that is not of the calibration."""
         segment = self._segment
         if did is Did.CALIBRATION:
             return segment.in_force.pack()

@@ -9,13 +9,12 @@ from collections.abc import Callable, Mapping
 from itertools import repeat
 from typing import Final
 
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Long
 from can_bridge.flashing.report import encode, report_of
-from can_bridge.flashing.state import SlotPhase
+from can_bridge.flashing.state import Level, SlotPhase
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.calibration_service import DIDS, CalibrationService, as_refusals
+from can_bridge.uds.calibration_service import CalibrationService, as_refusals
 from can_bridge.uds.services import Did, Nrc, Refused, Routine, Session
 from contract.errors import StillwakeError
 
@@ -85,12 +84,12 @@ class EcuServices:
             return encode(report_of(self._store))
         if did in self._identification:
             return self._identification[did]
-        return self._calibrated(did).read(did)
+        return self._of_release().read(did)
 
     def write(self, did: Did, value: bytes) -> None:
         """Write an identifier; raises OUT_OF_RANGE for a value that is not allowed."""
         if did is not Did.KEY_LIST:
-            self._calibrated(did).write(did, value)
+            self._of_release().write(did, value)
             self._log("calibrated", f"a tester wrote {did.name.lower()}", identifier=did.name)
             return
         if value == self._taken_keys:
@@ -150,8 +149,7 @@ class EcuServices:
             self._store.keep_failed_attempts(level, count)
 
     def before_reset(self) -> None:
-        """Check that control is not active: a reset, or an ECU that sends no messages, would interrupt control. The
-        check is needed because control may have begun since the session began."""
+        """Check that control did not begin during the session: a reset, or the end of messages, would interrupt it."""
         if not self.is_updating:
             self._check_preconditions()
 
@@ -159,8 +157,8 @@ class EcuServices:
         """Reset the ECU; called after the request was answered."""
         self._on_reset()
 
-    def _calibrated(self, did: Did) -> CalibrationService:
-        if self._calibration is None or did not in DIDS:
+    def _of_release(self) -> CalibrationService:
+        if self._calibration is None:
             raise Refused(Nrc.OUT_OF_RANGE)
         return self._calibration
 

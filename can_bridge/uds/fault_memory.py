@@ -28,7 +28,6 @@ AGED_CYCLES: Final = 40
 _MAGIC: Final = b"SWF1"
 _FAULT: Final = struct.Struct(f">BBB{SNAPSHOT_BYTES}s")
 _CRC: Final = struct.Struct(">I")
-_MOST_NOTED: Final = 64
 
 
 class Status(IntFlag):
@@ -110,7 +109,7 @@ class FaultMemory:
     ) -> None:
         self._kept, self._keep, self._refusal = record, keep, refusal
         self.faults = {reason: fault.next_cycle() for reason, fault in decode(record).items()}
-        self._noted: deque[tuple[Reason | None, bytes]] = deque(maxlen=_MOST_NOTED)
+        self._noted: deque[tuple[Reason | None, bytes]] = deque(maxlen=64)
         self._is_changed = False
         self.is_on = True
 
@@ -119,8 +118,7 @@ class FaultMemory:
         self._noted.append((reason, snapshot))
 
     def settle(self) -> None:
-        """Evaluate the noted results, and store the record if this is allowed now. Raises MediumError if this fails;
-        the next call does not try again."""
+        """Evaluate the noted results, and store the record if allowed now; raises MediumError once if this fails."""
         while self._noted and (self.is_on or len(self._noted) > 1):
             # While recording is off, only the latest result stays queued. It is evaluated when recording resumes.
             reason, snapshot = self._noted.popleft()

@@ -13,7 +13,7 @@ from hmac import compare_digest
 from pathlib import Path
 from typing import Final, Self
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.secoc.key import Key, read_secret
 from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.services import Nrc, Refused
@@ -48,9 +48,7 @@ class SecurityAccess:
     """The unlocked level, and the procedure to unlock a level; `attempts` stores the numbers of wrong attempts."""
 
     def __init__(self, key: AccessKey, random_bytes: Callable[[int], bytes], attempts: EcuServices) -> None:
-        self._key = key
-        self._random_bytes = random_bytes
-        self._attempts = attempts
+        self._key, self._random_bytes, self._attempts = key, random_bytes, attempts
         self.unlocked: Level | None = None
         self._asked: tuple[Level, bytes] | None = None
         self._closed_until_ns: dict[Level, int] = {}

@@ -9,8 +9,8 @@ service has the service's name.
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Long
+from can_bridge.flashing.state import Level
 from can_bridge.uds import services
 from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.fault_codes import CODE_BYTES
@@ -25,30 +25,24 @@ _S3_NS: Final = services.S3_MS * 1_000_000
 _TIMING: Final = services.P2_MS.to_bytes(2, "big") + (services.P2_EXTENDED_MS // 10).to_bytes(2, "big")
 """P2 in ms and P2* in units of 10 ms, as in the answer to DiagnosticSessionControl."""
 _SUPPRESS: Final = 0x80
-_HARD_RESET: Final = 1
-_START: Final = 1
-_ENABLE: Final = 0
 _DISABLE_SENDING: Final = 1
 _NORMAL: Final = frozenset({0x01, 0x03})
 """Kinds of communication that include JetCommand and EcuStatus: normal messages, with or without network management."""
 _FAULTS_ON: Final = 1
-_FAULTS_OFF: Final = 2
-_PLAIN: Final = 0x00
-"""Data format of a download: neither compressed nor encrypted."""
-_FOUR_AND_FOUR: Final = 0x44
-"""Format byte of a download request: four bytes of length and four of address."""
+_FORMATS: Final = b"\x00\x44"
+"""Format bytes of a download request: neither compressed nor encrypted; four bytes of length and four of address."""
 _TWO_BYTES: Final = 0x20
 """Format byte of the block length in the answer to a download request."""
 _SUB_FUNCTIONS: Final[Mapping[int, frozenset[int]]] = {
     Service.SESSION: frozenset(Session),
-    Service.RESET: frozenset({_HARD_RESET}),
+    Service.RESET: frozenset({1}),  # hard reset
     Service.REPORT_FAULTS: frozenset(FaultReport),
     # The number of a level requests the level's seed; the next number sends the answer to the seed.
     Service.SECURITY: frozenset(level + is_answer for level in Level for is_answer in (0, 1)),
-    Service.COMMUNICATION: frozenset({_ENABLE, _DISABLE_SENDING}),
-    Service.ROUTINE: frozenset({_START}),
+    Service.COMMUNICATION: frozenset({0, _DISABLE_SENDING}),
+    Service.ROUTINE: frozenset({1}),  # start
     Service.TESTER_PRESENT: frozenset({0}),
-    Service.FAULT_SETTING: frozenset({_FAULTS_ON, _FAULTS_OFF}),
+    Service.FAULT_SETTING: frozenset({_FAULTS_ON, 2}),
 }
 """Sub-functions of the services whose first byte is a sub-function, without the suppress-positive-response bit."""
 _DIDS: Final[frozenset[int]] = frozenset(Did)
@@ -126,8 +120,7 @@ class UdsServer:
         return self._go_on(now_ns)
 
     def tick(self, now_ns: int) -> list[bytes]:
-        """Execute the next part of the request in progress, or a reset whose request is already answered. While
-        `is_busy` is true, call this method at least every 20 ms."""
+        """Execute the next part of a request, or an answered reset. Call this at least every 20 ms while `is_busy`."""
         now_ns = self._at(now_ns)
         if self._reset_is_due:
             self._reset_is_due = False
@@ -287,7 +280,7 @@ class UdsServer:
 
     def _on_download(self, body: bytes) -> bytes:
         _check_length(len(body) >= 2)
-        if body[0] != _PLAIN or body[1] != _FOUR_AND_FOUR:
+        if body[:2] != _FORMATS:
             raise Refused(Nrc.OUT_OF_RANGE)
         _check_length(len(body) == 2 + 4 + 4)
         self._check_unlocked(SERVICES[Service.DOWNLOAD])

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from contract.controller.calibration import PACKED_BYTES
 
 P2_MS: Final = 50
@@ -76,13 +76,8 @@ class Nrc(IntEnum):
 
 
 UNSENT_TO_ALL: Final = frozenset(
-    {
-        Nrc.SERVICE_NOT_SUPPORTED,
-        Nrc.SUB_FUNCTION_NOT_SUPPORTED,
-        Nrc.OUT_OF_RANGE,
-        Nrc.SUB_FUNCTION_NOT_IN_SESSION,
-        Nrc.SERVICE_NOT_IN_SESSION,
-    }
+    {Nrc.SERVICE_NOT_SUPPORTED, Nrc.SUB_FUNCTION_NOT_SUPPORTED, Nrc.OUT_OF_RANGE}
+    | {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION}
 )
 """Negative responses that a functional request does not get (section 7.5), because every ECU would send one."""
 
@@ -97,7 +92,6 @@ class Routine(IntEnum):
     ACTIVATE = 0x0205
     """Activate the checked image: from the next reset on, it boots on trial."""
     CONFIRM = 0x0206
-    """Confirm the release on trial."""
     REVERT = 0x0207
     """Select the previous release: it boots from the next reset on."""
     ERASE = 0xFF00
@@ -127,8 +121,7 @@ class Did(IntEnum):
     PERIOD_NS = 0xFD04
     """Control period in ns, 8 bytes."""
     CALIBRATION = 0xFD10
-    """All values of the calibration in force, packed by `contract.controller.calibration`; writing changes them from
-    the next control period until a reset."""
+    """The calibration in force, packed by `contract.controller.calibration`; a written one stays until a reset."""
     CALIBRATION_LIMITS = 0xFD11
     """The least allowed values, the greatest allowed values and the release's own values: three packed calibrations."""
     CALIBRATION_STORED = 0xFD12

@@ -51,17 +51,12 @@ class Job:
 
 
 class Download:
-    """A requested download of `length` bytes, beginning at byte `offset` of the image.
-
-    Attributes:
-        missing: number of bytes that have not come yet.
-        is_closed: whether the tester has ended the download. More blocks are then refused; ending it again is allowed.
-    """
+    """A requested download of `length` bytes, beginning at byte `offset` of the image; `missing` bytes have not come
+    yet. After the tester has ended it (`is_closed`), blocks are refused; ending it again is allowed."""
 
     def __init__(self, offset: int, length: int) -> None:
         self.offset = offset
-        self.length = length
-        self.missing = length
+        self.length = self.missing = length
         self._expected = 1
         self._last: tuple[int, bytes] | None = None
         self.is_closed = False

@@ -13,13 +13,8 @@ A message is one little-endian number, in which each field begins at the bit tha
 
 from typing import Final
 
+from can_bridge.wire import message_specs as specs
 from can_bridge.wire.codec import MODES, REASONS, flow_steps, pressure_steps, speed_steps, unsigned, vehicle_speed
-from can_bridge.wire.message_specs import (
-    CLASSIC_AGE_RESOLUTION_NS,
-    CLASSIC_PRESSURE_RESOLUTION_PA,
-    FLOW_RESOLUTION_M2_PER_S,
-    INT12_MAX,
-)
 from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure, Reason, VehicleSpeed
 
 _LENGTH: Final = 8
@@ -32,14 +27,13 @@ CLASSIC_BUS_OFF_LIMIT: Final = 15
 
 _AGE_LIMIT: Final = 7
 _SPEED_AGE_LIMIT: Final = 0xFF
-_INVALID: Final = -INT12_MAX - 1
-_PRESSURE_BITS: Final = (16, 28, 40, 52)
-"""The bits at which the pressures begin."""
+_INVALID: Final = -specs.INT12_MAX - 1
+_PRESSURE_BITS: Final = (16, 28, 40, 52)  # where the pressures begin
 
 
 def emit_pressure(message: Pressure) -> bytes:
     """Return the message as 8 bytes; raises ValueError for invalid values or a wrong number of pressures."""
-    steps = pressure_steps(message, CLASSIC_PRESSURE_RESOLUTION_PA, -INT12_MAX, INT12_MAX)
+    steps = pressure_steps(message, specs.CLASSIC_PRESSURE_RESOLUTION_PA, -specs.INT12_MAX, specs.INT12_MAX)
     number = bool(message.enable_request) << 12 | _age_steps("Pressure", message.age_ns, _AGE_LIMIT) << 13
     for begin, step, valid in zip(_PRESSURE_BITS, steps, message.valid, strict=True):
         number |= ((step if valid else _INVALID) & 0xFFF) << begin
@@ -54,29 +48,26 @@ def parse_pressure(data: bytes) -> Pressure | None:
     steps = [_signed(number >> begin & 0xFFF, 12) for begin in _PRESSURE_BITS]
     age = number >> 13 & _AGE_LIMIT
     return Pressure(
-        pressure_pa=tuple(0.0 if step == _INVALID else step * CLASSIC_PRESSURE_RESOLUTION_PA for step in steps),
+        pressure_pa=tuple(0.0 if step == _INVALID else step * specs.CLASSIC_PRESSURE_RESOLUTION_PA for step in steps),
         valid=tuple(step != _INVALID for step in steps),
         enable_request=bool(number >> 12 & 1),
-        age_ns=STALE_NS if age == _AGE_LIMIT else age * CLASSIC_AGE_RESOLUTION_NS,
+        age_ns=STALE_NS if age == _AGE_LIMIT else age * specs.CLASSIC_AGE_RESOLUTION_NS,
     )
 
 
 def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
-    """Return the message as 8 bytes. Raises ValueError for a value that is not finite or out of range."""
     density, speed = speed_steps(message)
     age = _age_steps("VehicleSpeed", message.age_ns, _SPEED_AGE_LIMIT)
     return (density << 24 | speed << 32 | age << 48).to_bytes(_LENGTH, "little")
 
 
 def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
-    """Decode a VehicleSpeed from 8 bytes; return None for another length."""
     if len(data) != _LENGTH:
         return None
-    return vehicle_speed(data[3], int.from_bytes(data[4:6], "little"), data[6] * CLASSIC_AGE_RESOLUTION_NS)
+    return vehicle_speed(data[3], int.from_bytes(data[4:6], "little"), data[6] * specs.CLASSIC_AGE_RESOLUTION_NS)
 
 
 def emit_jet_command(message: JetCommand) -> bytes:
-    """Return the message as 8 bytes."""
     flow, mode, enable, counter, next_period = message
     number = Mode(mode) << 12 | bool(enable) << 15 | (flow_steps(flow) & 0xFFFF) << 16
     number |= (counter is not None) << 32 | bool(next_period) << 33
@@ -85,14 +76,13 @@ def emit_jet_command(message: JetCommand) -> bytes:
 
 
 def parse_jet_command(data: bytes) -> JetCommand | None:
-    """Decode a JetCommand from 8 bytes; return None for another length or a mode outside the DBC's table."""
     if len(data) != _LENGTH:
         return None
     number = int.from_bytes(data, "little")
     if (mode := MODES.get(number >> 12 & 0b111)) is None:
         return None
     return JetCommand(
-        flow_m2_per_s=_signed(number >> 16 & 0xFFFF, 16) * FLOW_RESOLUTION_M2_PER_S,
+        flow_m2_per_s=_signed(number >> 16 & 0xFFFF, 16) * specs.FLOW_RESOLUTION_M2_PER_S,
         mode=mode,
         enable=bool(number >> 15 & 1),
         pressure_counter=number >> 36 & 0xF if number >> 32 & 1 else None,
@@ -113,8 +103,7 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
 
 
 def parse_ecu_status(data: bytes) -> EcuStatus | None:
-    """Decode an EcuStatus from 8 bytes; return None for another length, or an unknown state or reason. The lower half
-    of the bundle's hash is 0, because this half is not sent."""
+    """Decode an EcuStatus from 8 bytes; None for another length, state or reason. Half of the hash is 0: not sent."""
     if len(data) != _LENGTH:
         return None
     number = int.from_bytes(data, "little")
@@ -140,4 +129,4 @@ def _signed(raw: int, bits: int) -> int:
 def _age_steps(message: str, age_ns: int, most: int) -> int:
     if age_ns < 0:
         raise ValueError(f"{message}.age_ns = {age_ns}: must not be negative")
-    return min(-(-age_ns // CLASSIC_AGE_RESOLUTION_NS), most)
+    return min(-(-age_ns // specs.CLASSIC_AGE_RESOLUTION_NS), most)

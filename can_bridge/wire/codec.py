@@ -12,17 +12,8 @@ import math
 import struct
 from typing import Final
 
+from can_bridge.wire import message_specs as specs
 from can_bridge.wire import messages
-from can_bridge.wire.message_specs import (
-    AGE_RESOLUTION_NS,
-    DENSITY_RESOLUTION_KG_PER_M3,
-    DENSITY_UNKNOWN,
-    FLOW_RESOLUTION_M2_PER_S,
-    INT16_MAX,
-    PRESSURE_RESOLUTION_PA,
-    SPEED_RESOLUTION_M_PER_S,
-    SPEED_UNKNOWN,
-)
 from can_bridge.wire.messages import SENSORS, EcuStatus, JetCommand, Mode, Pressure, Reason, VehicleSpeed
 
 # "3x" is the E2E header: CRC-16 and counter.
@@ -58,7 +49,7 @@ REASONS: Final = {reason.value: reason for reason in Reason}
 
 def emit_pressure(message: Pressure) -> bytes:
     """Return the message as 16 bytes; raises ValueError also for a wrong number of pressures."""
-    steps = pressure_steps(message, PRESSURE_RESOLUTION_PA, -INT16_MAX - 1, INT16_MAX)
+    steps = pressure_steps(message, specs.PRESSURE_RESOLUTION_PA, -specs.INT16_MAX - 1, specs.INT16_MAX)
     v0, v1, v2, v3 = message.valid
     flags = bool(v0) | bool(v1) << 1 | bool(v2) << 2 | bool(v3) << 3
     flags |= _ENABLE_REQUEST if message.enable_request else 0
@@ -66,34 +57,30 @@ def emit_pressure(message: Pressure) -> bytes:
 
 
 def parse_pressure(data: bytes) -> Pressure | None:
-    """Decode a Pressure from 16 bytes; return None for another length."""
     if len(data) != 16:
         return None
     flags, p0, p1, p2, p3, age = _PRESSURE.unpack(data)
-    scale = PRESSURE_RESOLUTION_PA
+    scale = specs.PRESSURE_RESOLUTION_PA
     return Pressure(
         pressure_pa=(p0 * scale, p1 * scale, p2 * scale, p3 * scale),
         valid=(flags & 1 != 0, flags & 2 != 0, flags & 4 != 0, flags & 8 != 0),
         enable_request=flags & _ENABLE_REQUEST != 0,
-        age_ns=age * AGE_RESOLUTION_NS,
+        age_ns=age * specs.AGE_RESOLUTION_NS,
     )
 
 
 def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
-    """Return the message as 8 bytes."""
     return _VEHICLE_SPEED.pack(*speed_steps(message), _age_steps("VehicleSpeed", message.age_ns))
 
 
 def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
-    """Decode a VehicleSpeed from 8 bytes; return None for another length."""
     if len(data) != 8:
         return None
     density, speed, age = _VEHICLE_SPEED.unpack(data)
-    return vehicle_speed(density, speed, age * AGE_RESOLUTION_NS)
+    return vehicle_speed(density, speed, age * specs.AGE_RESOLUTION_NS)
 
 
 def emit_jet_command(message: JetCommand) -> bytes:
-    """Return the message as 8 bytes."""
     flow, mode, enable, counter, next_period = message
     flags = Mode(mode) | (_ENABLE if enable else 0) | (_NEXT_PERIOD if next_period else 0)
     flags |= 0 if counter is None else _COUNTER_VALID
@@ -101,14 +88,13 @@ def emit_jet_command(message: JetCommand) -> bytes:
 
 
 def parse_jet_command(data: bytes) -> JetCommand | None:
-    """Decode a JetCommand from 8 bytes; return None for another length or an unknown mode."""
     if len(data) != 8:
         return None
     flags, flow, counter = _JET_COMMAND.unpack(data)
     if (mode := MODES.get(flags & _MODE_MASK)) is None:
         return None
     return JetCommand(
-        flow_m2_per_s=flow * FLOW_RESOLUTION_M2_PER_S,
+        flow_m2_per_s=flow * specs.FLOW_RESOLUTION_M2_PER_S,
         mode=mode,
         enable=bool(flags & _ENABLE),
         pressure_counter=counter if flags & _COUNTER_VALID else None,
@@ -117,7 +103,6 @@ def parse_jet_command(data: bytes) -> JetCommand | None:
 
 
 def emit_ecu_status(message: EcuStatus) -> bytes:
-    """Return the message as 24 bytes."""
     state, reason, *values = message
     for (name, most), value in zip(_STATUS_LIMITS.items(), values, strict=True):
         unsigned(name, value, most)
@@ -126,7 +111,6 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
 
 
 def parse_ecu_status(data: bytes) -> EcuStatus | None:
-    """Decode an EcuStatus from 24 bytes; return None for another length, or an unknown state or reason."""
     if len(data) != 24:
         return None
     raw_state, raw_reason, bus_off, overruns, missed, crc_errors, *rest, aside = _ECU_STATUS.unpack(data)
@@ -139,15 +123,14 @@ def parse_ecu_status(data: bytes) -> EcuStatus | None:
 
 def _age_steps(message: str, age_ns: int) -> int:
     # The division rounds half up. It uses integers because ages are exact numbers of ns.
-    steps = (age_ns + AGE_RESOLUTION_NS // 2) // AGE_RESOLUTION_NS
+    steps = (age_ns + specs.AGE_RESOLUTION_NS // 2) // specs.AGE_RESOLUTION_NS
     if not 0 <= steps <= 0xFFFF:
-        raise ValueError(f"{message}.age_ns = {age_ns}: must be in 0..{0xFFFF * AGE_RESOLUTION_NS}")
+        raise ValueError(f"{message}.age_ns = {age_ns}: must be in 0..{0xFFFF * specs.AGE_RESOLUTION_NS}")
     return steps
 
 
 def pressure_steps(message: Pressure, resolution_pa: float, low: int, high: int) -> list[int]:
-    """Return the raw values of the pressures. Raises ValueError as `signed` does, or if a sensor lacks its pressure or
-    its validity."""
+    """Return the pressures' raw values. Raises ValueError as `signed` does, or for a wrong number of values."""
     for name, values in (("pressure_pa", message.pressure_pa), ("valid", message.valid)):
         if len(values) != SENSORS:
             raise ValueError(f"Pressure.{name} has {len(values)} values: must have {SENSORS}")
@@ -156,27 +139,28 @@ def pressure_steps(message: Pressure, resolution_pa: float, low: int, high: int)
 
 def flow_steps(flow_m2_per_s: float) -> int:
     """Return the raw value of a flow; raises ValueError as `signed` does."""
-    return signed("JetCommand.flow_m2_per_s", flow_m2_per_s, FLOW_RESOLUTION_M2_PER_S, -INT16_MAX - 1, INT16_MAX)
+    low, high = -specs.INT16_MAX - 1, specs.INT16_MAX
+    return signed("JetCommand.flow_m2_per_s", flow_m2_per_s, specs.FLOW_RESOLUTION_M2_PER_S, low, high)
 
 
 def speed_steps(message: VehicleSpeed) -> tuple[int, int]:
     """Return the raw values of density and speed; raises ValueError as `signed` does."""
     speed, _, density = message
-    density_steps, steps = DENSITY_UNKNOWN, SPEED_UNKNOWN
+    density_steps, steps = specs.DENSITY_UNKNOWN, specs.SPEED_UNKNOWN
     if density is not None:
-        name, resolution = "VehicleSpeed.density_kg_per_m3", DENSITY_RESOLUTION_KG_PER_M3
-        density_steps = signed(name, density, resolution, DENSITY_UNKNOWN + 1, 0xFF)
+        name, resolution = "VehicleSpeed.density_kg_per_m3", specs.DENSITY_RESOLUTION_KG_PER_M3
+        density_steps = signed(name, density, resolution, specs.DENSITY_UNKNOWN + 1, 0xFF)
     if speed is not None:
-        steps = signed("VehicleSpeed.speed_m_per_s", speed, SPEED_RESOLUTION_M_PER_S, 0, SPEED_UNKNOWN - 1)
+        name, resolution = "VehicleSpeed.speed_m_per_s", specs.SPEED_RESOLUTION_M_PER_S
+        steps = signed(name, speed, resolution, 0, specs.SPEED_UNKNOWN - 1)
     return density_steps, steps
 
 
 def vehicle_speed(density: int, speed: int, age_ns: int) -> VehicleSpeed:
-    """Return the message with these raw values of density and speed."""
     return VehicleSpeed(
-        speed_m_per_s=None if speed == SPEED_UNKNOWN else speed * SPEED_RESOLUTION_M_PER_S,
+        speed_m_per_s=None if speed == specs.SPEED_UNKNOWN else speed * specs.SPEED_RESOLUTION_M_PER_S,
         age_ns=age_ns,
-        density_kg_per_m3=None if density == DENSITY_UNKNOWN else density * DENSITY_RESOLUTION_KG_PER_M3,
+        density_kg_per_m3=None if density == specs.DENSITY_UNKNOWN else density * specs.DENSITY_RESOLUTION_KG_PER_M3,
     )
 
 

@@ -17,8 +17,7 @@ FD_LENGTHS: Final = (*CLASSIC_LENGTHS, 12, 16, 20, 24, 32, 48, 64)
 
 @dataclass(frozen=True, kw_only=True)
 class Frame:
-    """A data frame. CAN FD frames switch to the data bit rate. Raises ValueError for an invalid identifier, length or
-    time.
+    """A data frame; CAN FD frames use the data bit rate. Raises ValueError for a wrong identifier, length or time.
 
     Attributes:
         frame_id: 11 bits, or 29 bits if the identifier is extended; the smaller identifier wins arbitration.
@@ -50,8 +49,6 @@ class Frame:
         return CanId(self.frame_id, self.is_extended)
 
 
-EXTENSION_BITS: Final = 18
-
 Priority = tuple[int, bool, int]
 """Priority of a frame; the smaller value wins arbitration."""
 
@@ -60,5 +57,5 @@ def priority(frame: Frame) -> Priority:
     """Return the priority, in the order of the bits on the bus: the identifier's first 11 bits, then SRR and IDE, which
     are recessive in a 29-bit format, then the last 18 bits. The data have no effect on the priority."""
     if frame.is_extended:
-        return frame.frame_id >> EXTENSION_BITS, True, frame.frame_id & (1 << EXTENSION_BITS) - 1
+        return frame.frame_id >> 18, True, frame.frame_id & 0x3FFFF
     return frame.frame_id, False, 0

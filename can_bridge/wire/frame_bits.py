@@ -36,8 +36,7 @@ class SentBits:
     """The bits of a frame as sent.
 
     Attributes:
-        stuffed: the part whose stuff bits depend on the content, "0" dominant and "1" recessive. It ends with the CRC
-            for classic CAN, and with the data for CAN FD.
+        stuffed: the part with stuff bits by content, to the CRC (CAN FD: the data); "0" dominant, "1" recessive.
         nominal: number of bits at the nominal bit rate before the tail.
         data: number of bits at the data bit rate.
     """
@@ -80,8 +79,7 @@ def frame_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> int:
 
 
 def bits_ns(nominal: int, data: int, *, nominal_bitrate: int, data_bitrate: int) -> int:
-    """Return the time in ns of `nominal` bits at the nominal and `data` bits at the data bit rate, rounded up. Raises
-    ValueError unless the bit rates are positive."""
+    """Return the time in ns of bits at both bit rates, rounded up. Raises ValueError unless the rates are positive."""
     for name, rate in (("nominal", nominal_bitrate), ("data", data_bitrate)):
         if rate <= 0:
             raise ValueError(f"{name} bit rate {rate}: must be positive")
@@ -147,10 +145,6 @@ def _bits_of(data: bytes) -> str:
     return _to_bits(int.from_bytes(data), 8 * len(data)) if data else ""
 
 
-_FD_CONTROL: Final = 5
-"""Number of bits of ESI and DLC."""
-
-
 def worst_case_bits(frame: Frame) -> tuple[int, int]:
     """Return the numbers of bits at the nominal and at the data bit rate, for the content with the most stuff bits.
 
@@ -162,10 +156,10 @@ def worst_case_bits(frame: Frame) -> tuple[int, int]:
         sent = len(_classic_head(frame)) + payload + 15
         return sent + _most_stuff_bits(sent) + TAIL, 0
     # As many stuff bits as possible are counted in the arbitration phase, where a stuff bit takes longest.
-    arbitration = len(_fd_arbitration(frame))
+    arbitration, esi_and_dlc = len(_fd_arbitration(frame)), 5
     early = _most_stuff_bits(arbitration)
-    late = _most_stuff_bits(arbitration + _FD_CONTROL + payload) - early
-    return arbitration + early + TAIL, _FD_CONTROL + payload + late + _fd_crc_bits(frame)
+    late = _most_stuff_bits(arbitration + esi_and_dlc + payload) - early
+    return arbitration + early + TAIL, esi_and_dlc + payload + late + _fd_crc_bits(frame)
 
 
 def worst_case_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> int:

@@ -75,7 +75,6 @@ SETS: Final = (FD, CLASSIC, SECURED)
 
 
 def message_set(config: BusConfig) -> MessageSet:
-    """Return the set that these settings select."""
     if config.frames == "classic":
         return CLASSIC
     return SECURED if config.key else FD

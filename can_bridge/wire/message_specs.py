@@ -42,13 +42,11 @@ def _fd(name: str, frame_id: int, length: int, data_id: int) -> MessageSpec:
 
 
 def _classic(plain: MessageSpec, data_id: int) -> MessageSpec:
-    """Return the classic-CAN form of a CAN FD message, with the identifier increased by one."""
     name, frame_id = f"{plain.name}Classic", plain.frame_id + 1
     return MessageSpec(name=name, frame_id=frame_id, length=8, protected=8, data_id=data_id, profile=2, is_fd=False)
 
 
 def _secured(plain: MessageSpec, data_id: int) -> MessageSpec:
-    """Return the secured form of a message, in the shortest frame that holds it, with the identifier raised by two."""
     name, frame_id = f"{plain.name}Secured", plain.frame_id + 2
     length = min(one for one in FD_LENGTHS if one >= plain.protected + FRESHNESS_LENGTH + MAC_LENGTH)
     return replace(plain, name=name, frame_id=frame_id, length=length, data_id=data_id, is_secured=True)

@@ -14,7 +14,6 @@ LONGEST_MESSAGE: Final = 65_536
 """Largest accepted length of a message, in bytes or, in some formats, in bits. The limit is needed because cantools
 allocates memory for every bit. The longest real message has 2048 bytes (CAN XL)."""
 _LENGTH: Final = re.compile(rb'(?:^ *BO_ +\d+ +\w+ *: *|\blength="|^ *Len=|LENGTH>)(\d+)', re.MULTILINE)
-NEEDS_CANTOOLS = f"reading it needs cantools: {install('bus')}"
 
 
 def load_network(path: Path) -> "Database":
@@ -24,7 +23,7 @@ def load_network(path: Path) -> "Database":
         from cantools.database import load_file
         from cantools.database.can.database import Database
     except ModuleNotFoundError as error:
-        raise BusError(f"{path}: {NEEDS_CANTOOLS}") from error
+        raise BusError(f"{path}: reading it needs cantools: {install('bus')}") from error
     # Reading a device or a pipe might never end: a device may be endless, and a pipe may have no writer.
     if path.exists() and not path.is_file():
         raise BusError(f"{path}: is a {'directory' if path.is_dir() else 'device or pipe'}, must be a file")

@@ -6,19 +6,16 @@ from typing import Annotated, Final
 import numpy as np
 
 from contract import sensors
-from contract.config.rules import WIDTHS, Rule, Settings, paper, require, within
+from contract.config.notes import WIDTHS, paper
+from contract.config.rules import Settings, require, within
 from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 from contract.sensor_layout import SensorLayout
 
-_LENGTH: Final = Rule(
-    wording="in 0.5..15: a shorter body has no space for the grid between nose and base, and behind a longer body the "
-    "domain is too short for the wake",
-    holds=lambda value: 0.5 <= value <= 15.0,
+_NO_SPACE: Final = (
+    "a shorter body has no space for the grid between nose and base, and behind a longer body the domain is too short "
+    "for the wake"
 )
-_RADIUS: Final = Rule(
-    wording=f"in 0..{HALF_WIDTH}: 0 is a sharp edge, {HALF_WIDTH} a round nose",
-    holds=lambda value: 0.0 <= value <= HALF_WIDTH,
-)
+_RADIUS: Final = within(0, HALF_WIDTH, f"0 is a sharp edge, {HALF_WIDTH} a round nose")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +26,7 @@ class BodyConfig(Settings, source=paper("section 2.1")):
     `stillwake develop`.
     """
 
-    length: Annotated[float, _LENGTH, WIDTHS] = LENGTH
+    length: Annotated[float, within(0.5, 15, _NO_SPACE), WIDTHS] = LENGTH
     """Length of the body; 1 gives a square cylinder."""
     leading_edge_radius: Annotated[float, _RADIUS, WIDTHS] = LEADING_EDGE_RADIUS
     """Radius of the two front corners; 0 leaves them sharp."""

@@ -4,7 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from typing import Annotated
 
-from contract.config.rules import STEPS, AtLeastOne, Finite, NonNegative, Positive, Settings, at_least, ours, paper
+from contract.config.notes import STEPS, ours, paper
+from contract.config.rules import AtLeastOne, Finite, NonNegative, Positive, Settings, at_least
 
 
 @dataclass(frozen=True, kw_only=True)

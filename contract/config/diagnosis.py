@@ -7,14 +7,14 @@ from functools import cache
 from importlib.resources import files
 from typing import Annotated, Final, NamedTuple
 
-from contract.config.rules import Rule, Settings, ours, require, standard
+from contract.config.notes import ours, standard
+from contract.config.rules import Rule, Settings, require
 
 MOST_STANDARD: Final = 0x7FF
 MOST_EXTENDED: Final = 0x1FFF_FFFF
 _TEXT: Final = re.compile(r"0[xX]([0-9a-fA-F]{1,3}|[0-9a-fA-F]{8})")
 _SHORT: Final = 3
-"""Largest number of hex digits of an 11-bit identifier in a setting. A 29-bit identifier has eight digits; four to
-seven digits count as a typing error."""
+"""Most hex digits of an 11-bit identifier. A 29-bit identifier has eight; four to seven count as a typing error."""
 _NOTATION: Final = "0x and 3 hex digits (11 bits, up to 0x7FF), or 0x and 8 (29 bits, up to 0x1FFFFFFF)"
 _PAGE: Final = "reference/diagnosis.md#identifiers-on-the-bus"
 
@@ -69,8 +69,8 @@ class DiagnosisConfig(
 
     def _check_together(self) -> None:
         taken = dict(_messages())
-        for name, like in _LIKE.items():
-            found = parse_id(getattr(self, name))
+        for name in ("request_id", "response_id", "functional_id", "xcp_command_id", "xcp_response_id"):
+            found, like = parse_id(getattr(self, name)), "xcp_command_id" if name.startswith("xcp") else "request_id"
             if found is None:
                 continue
             object.__setattr__(self, name, str(found))
@@ -117,19 +117,8 @@ class DiagnosisConfig(
         return found
 
 
-_LIKE: Final = {
-    "request_id": "request_id",
-    "response_id": "request_id",
-    "functional_id": "request_id",
-    "xcp_command_id": "xcp_command_id",
-    "xcp_response_id": "xcp_command_id",
-}
-"""Names of the identifier settings, each with a setting whose identifier must have the same number of bits."""
-
-
 @cache
 def _messages() -> Mapping[CanId, str]:
-    """Return a description of every message in the DBC, by identifier."""
     text = files("contract").joinpath("stillwake.dbc").read_text(encoding="utf-8")
     found = ((int(number), name) for number, name in re.findall(r"^BO_ (\d+) (\w+)", text, re.MULTILINE))
     return {CanId(number & MOST_EXTENDED, bool(number >> 31)): f"{name} in the DBC" for number, name in found}

@@ -3,28 +3,15 @@
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Final, Literal
 
-from contract.config.rules import (
-    PASSES,
-    STEPS,
-    WINDOWS,
-    AtLeastOne,
-    AtLeastOneOrNone,
-    Fraction,
-    NonNegative,
-    Positive,
-    Settings,
-    at_least,
-    ours,
-    paper,
-    require,
-    within,
-)
+from contract.config.notes import PASSES, STEPS, WINDOWS, ours, paper
+from contract.config.rules import AtLeastOne, Fraction, NonNegative, Positive, Rule, Settings, at_least, require, within
 
 SelectionMethod = Literal["shap", "qr", "greedy", "random", "hand"]
 """The methods that choose the sensors of the slim encoder, which reads only a few sensors (`train.selection`)."""
-
+_WidthOrNone = Annotated[int | None, Rule(wording="at least 1", holds=lambda value: value is None or value >= 1)]
 _ENCODER_ALONE: Final = ours("the paper distils the encoder alone", page="explanation/studies.md#smaller-networks")
 _SLIMMED: Final = paper("section 2.3.2", "the paper reduces only the encoder")
+_SIMPLEST: Final = ours("the simplest draw; the paper does not state how windows are drawn", page="how-to/train.md")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,9 +29,9 @@ class ModelConfig(Settings, source=paper("table 1")):
     """Number of residual blocks in the decoder."""
     dropout: Fraction[float] = 0.25
     """Dropout probability between the decoder's layers during the joint fit."""
-    slim_dynamics_width: Annotated[AtLeastOneOrNone, _SLIMMED] = None
+    slim_dynamics_width: Annotated[_WidthOrNone, _SLIMMED] = None
     """Width of the deployed dynamics network, distilled from the trained network. None deploys the trained network."""
-    slim_decoder_width: Annotated[AtLeastOneOrNone, _SLIMMED] = None
+    slim_decoder_width: Annotated[_WidthOrNone, _SLIMMED] = None
     """Width of the deployed decoder, distilled from the trained decoder. None deploys the trained decoder."""
 
     @property
@@ -99,11 +86,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     """Learning rate of Adam in every phase except the finish."""
     epochs: Annotated[Positive[float], PASSES] = 300.0
     """Passes over the windows of the recording and of its mirror image; fractions are allowed."""
-    segment: Annotated[
-        AtLeastOne[int],
-        WINDOWS,
-        ours("the simplest draw; the paper does not state how windows are drawn", page="how-to/train.md"),
-    ] = 1
+    segment: Annotated[AtLeastOne[int], WINDOWS, _SIMPLEST] = 1
     """Number of consecutive windows drawn together; 1 draws each window separately. Consecutive windows share most of
     their computation, so segments of 8 windows make an iteration several times cheaper at an equal batch size."""
     streamed: Annotated[bool, paper("section 2.2.1", "the encoder reads windows")] = False

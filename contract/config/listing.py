@@ -12,20 +12,16 @@ from functools import cache
 from itertools import pairwise
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-from contract.config.rules import Rule, Source, Unit
+from contract.config.notes import Source, Unit
+from contract.config.rules import Rule
 from contract.config.tree import Config
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """A row of the table of settings.
-
-    Attributes:
-        name: dotted name of the setting, as written after `--set`.
-        unit: unit of the number; "" for a ratio, for text, or for a count whose name states what is counted.
-        bounds: condition on the value, in words, or the list of the allowed words.
-        meaning: one paragraph on what the setting does; "" if the name is enough.
-    """
+    """A row of the table of settings. `name` is dotted, as written after `--set`. `unit` is "" for a ratio, for text,
+    or for a count whose name states what is counted. `bounds` is the condition on the value in words, or the list of
+    the allowed words. `meaning` is one paragraph; "" if the name is enough."""
 
     name: str
     value: Any
@@ -105,7 +101,6 @@ def _settings(prefix: str, group: Any, paper: Any) -> Iterator[Setting]:
 
 
 def _bounds(hint: Any) -> str:
-    """Return the condition that a type sets on a value: the wording of a rule, or the allowed words."""
     for part in (hint, *get_args(hint)):
         if isinstance(part, Rule):
             return part.wording
@@ -116,15 +111,13 @@ def _bounds(hint: Any) -> str:
 
 @cache
 def _meanings(group: type) -> Mapping[str, str]:
-    """Return the text below each field, read from the source of the class and of its base classes."""
-    meanings: dict[str, str] = {}
-    for base in reversed([base for base in group.__mro__ if base is not object]):
-        (node,) = ast.parse(inspect.getsource(base)).body
-        body = node.body if isinstance(node, ast.ClassDef) else []
-        for field, text in pairwise(body):
-            if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(text, ast.Expr):
-                meanings[field.target.id] = _flat(str(ast.literal_eval(text.value)))
-    return meanings
+    """Return the text below each field, read from the source of the class."""
+    (node,) = ast.parse(inspect.getsource(group)).body
+    return {
+        field.target.id: _flat(str(ast.literal_eval(text.value)))
+        for field, text in pairwise(node.body if isinstance(node, ast.ClassDef) else [])
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(text, ast.Expr)
+    }
 
 
 def _flat(text: str) -> str:

@@ -14,6 +14,15 @@ from contract.errors import ConfigError
 from contract.printable import quoted
 from contract.typed import LONGEST_SHOWN, read_toml, typed
 
+_RELEASE: Final = "release"
+"""Name of the packaged settings with which the shipped bundle was built."""
+PAPER: Final = "paper"
+"""Name of the default settings: the paper's values, where the paper states a value."""
+BASE_KEY: Final = "base"
+"""The key in a TOML file that states which settings the file modifies: the paper's or the release's settings."""
+RETIRED: Final = {"refine.iterations": False}
+"""Settings that no longer exist, each with the only value that is still accepted in a file of an earlier version."""
+
 
 def check_names(tree: Mapping[str, Any], above: str = "") -> None:
     """Check that every name in a tree is in `Config`, and that no section is used as a value, and no value as a
@@ -30,14 +39,7 @@ def check_names(tree: Mapping[str, Any], above: str = "") -> None:
             raise ConfigError(f"{name} is a value, not a section: it has no {', '.join(map(repr, value))}")
 
 
-def _takes_text(name: str) -> bool:
-    hint = _hints().get(name)
-    words = get_args(hint)
-    return hint is str or str in words or (get_origin(hint) is Literal and all(isinstance(one, str) for one in words))
-
-
 def _unknown(section: str, key: str) -> str:
-    """Return the message for an unknown key of a section, with the most similar keys. The section "" is the root."""
     inside = [name.rpartition(".")[2] for name in _hints() if name.rpartition(".")[0] == section]
     if not section:
         inside.sort(key=lambda name: -SequenceMatcher(None, key, name).ratio())
@@ -63,16 +65,6 @@ def _walk(group: Any, above: str) -> Iterator[tuple[str, Any]]:
             yield from _walk(hint, f"{above}{field.name}.")
 
 
-_RELEASE = "release"
-"""Name of the packaged settings with which the shipped bundle was built."""
-PAPER = "paper"
-"""Name of the default settings: the paper's values, where the paper states a value."""
-BASE_KEY = "base"
-"""The key in a TOML file that states which settings the file modifies: the paper's or the release's settings."""
-RETIRED: Final = {"refine.iterations": False}
-"""Settings that no longer exist, each with the only value that is still accepted in a file of an earlier version."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Loaded:
     """The loaded settings, and the dotted names of the settings that are in the TOML file or in the overrides."""
@@ -93,15 +85,10 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Conf
 
 
 def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Config | None = None) -> Loaded:
-    """Read the release's settings, then apply a TOML file, then the overrides. Raises ConfigError for an unreadable
-    file, an unknown key, a wrong type or a value out of range.
-
-    Args:
-        path: a TOML file. With `base = "paper"` as its first line, the file modifies the paper's settings, not the
-            release's settings.
-        overrides: `section.key=value` strings, with the value in TOML syntax. Text needs no quotation marks.
-        base: settings that the file and the overrides modify, instead of the release's settings.
-    """
+    """Read the release's settings, or those given as `base`, then apply a TOML file, then the overrides. If the file's
+    first line is `base = "paper"`, it modifies the paper's settings. Overrides are `section.key=value` strings, with
+    the value in TOML syntax; text needs no quotation marks. Raises ConfigError for an unreadable file, an unknown key,
+    a wrong type or a value out of range."""
     tree = _packaged(_RELEASE) if base is None else to_tree(base)
     asked = {} if path is None else dict(without_retired(read_toml(path, "configuration")))
     chosen = asked.pop(BASE_KEY, _RELEASE)
@@ -137,8 +124,7 @@ def from_tree(tree: Mapping[str, Any]) -> Config:
 
 
 def without_retired(tree: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the nested mappings without the settings in `RETIRED`. Raises ConfigError if the value of such a setting
-    differs from the value in `RETIRED`."""
+    """Return a tree without the settings in `RETIRED`. Raises ConfigError if such a setting has another value."""
     for name, value in RETIRED.items():
         section, _, key = name.partition(".")
         if not isinstance(inside := tree.get(section), Mapping) or key not in inside:
@@ -178,7 +164,9 @@ def _parsed_override(text: str) -> dict[str, Any]:
 
 def _parsed_value(name: str, value: str, text: str) -> object:
     # If the value of a text setting is not a TOML string, it is used literally, for example `bus.channel=/dev/ttyUSB0`.
-    as_text = _takes_text(name)
+    hint, words = _hints().get(name), get_args(_hints().get(name))
+    is_literal = get_origin(hint) is Literal and all(isinstance(one, str) for one in words)
+    as_text = hint is str or str in words or is_literal
     if not value.isprintable():
         raise ConfigError(f"override {_short(text)}: holds a character that cannot be printed")
     try:

@@ -1,14 +1,13 @@
 """The scales that convert between dimensionless values of the flow and the engineering units on the bus.
 
-The defaults describe a full-size truck on a motorway. The simulated flow remains the paper's two-dimensional flow at Re
-= 500. The operating point only sets the scales of time and other quantities; it does not turn the flow into a real
-truck's wake.
+The defaults describe a full-size truck on a motorway. They do not turn the simulated flow at Re = 500 into its wake.
 """
 
 from dataclasses import dataclass
 from typing import Annotated
 
-from contract.config.rules import Settings, Unit, ours, within
+from contract.config.notes import Unit, ours
+from contract.config.rules import Settings, within
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,19 +3,8 @@
 from dataclasses import dataclass
 from typing import Annotated, Final
 
-from contract.config.rules import (
-    FLOW_RATE,
-    FREQUENCY,
-    TIME,
-    AtLeastOne,
-    Fraction,
-    NonNegative,
-    Positive,
-    Settings,
-    ours,
-    paper,
-    within,
-)
+from contract.config.notes import FLOW_RATE, FREQUENCY, TIME, ours, paper
+from contract.config.rules import AtLeastOne, Fraction, NonNegative, Positive, Settings, within
 
 _MESH: Final = "explanation/mesh-study.md"
 _SUBSTEPS: Final = within(1, 10_000, "with more, a period takes hours")

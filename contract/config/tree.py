@@ -1,10 +1,7 @@
-"""The tree of all settings, which all packages use.
+"""The tree of all settings. Lengths are in W, times in t_c, and actions (jet flow rates) in U_inf W.
 
-A default is the paper's number if the paper states a number. Each setting states the source of its default
-(`contract.config.rules`).
-
-Lengths are in W, times in t_c. Actions a are jet flow rates in U_inf W. Values are checked when they are set, so every
-existing `Config` is valid. `contract.config.loading` reads trees from TOML and applies overrides.
+A default is the paper's number if the paper states a number. Values are checked when they are set, so every existing
+`Config` is valid. `contract.config.loading` reads trees from TOML and applies overrides.
 """
 
 from dataclasses import dataclass, field

@@ -4,44 +4,25 @@ from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal
 
 from contract.config.diagnosis import DiagnosisConfig
-from contract.config.rules import (
-    BIT_RATE,
-    FLOW_RATE,
-    FRAMES,
-    MILLISECONDS,
-    PERIODS,
-    STEPS,
-    AtLeastOne,
-    Fraction,
-    NonNegative,
-    Positive,
-    Settings,
-    Unit,
-    ours,
-    paper,
-    require,
-    standard,
-    within,
-)
+from contract.config.notes import BIT_RATE, FLOW_RATE, FRAMES, MILLISECONDS, PERIODS, STEPS, Unit, ours, paper, standard
+from contract.config.rules import AtLeastOne, Fraction, NonNegative, Positive, Settings, require, within
 
+SIMULATED: Final = "simulated"
+"""Name of the interface to stillwake's simulated bus."""
 LARGEST_NOMINAL_BITRATE: Final = 1_000_000
 LARGEST_DATA_BITRATE: Final = 8_000_000
 """Largest bit rates of the arbitration phase and the data phase, in bit/s. Transceivers that follow ISO 11898-2:2016
 and CiA 601-4 allow no higher rates."""
-
 _CAN_FD: Final = standard("SAE J2284-4", "CAN FD in vehicles, 500 kbit/s with data at 2 Mbit/s")
 _DELAY: Final = within(0, 10_000, "a longer delay exceeds every horizon")
+_E2E: Final = "explanation/protection.md"
 _GATE: Final = "explanation/what-shuts-the-jets.md#the-command-gate"
 _LIES: Final = "explanation/what-shuts-the-jets.md#sensors-that-read-wrongly"
 _HELPS: Final = "explanation/what-shuts-the-jets.md#control-that-does-not-help"
 
 
 @dataclass(frozen=True, kw_only=True)
-class E2eConfig(
-    Settings,
-    section="bus.e2e",
-    source=ours("AUTOSAR E2E leaves these numbers to the project", page="explanation/protection.md"),
-):
+class E2eConfig(Settings, section="bus.e2e", source=ours("AUTOSAR E2E leaves these numbers to the project", page=_E2E)):
     """The conditions under which a receiver treats the frames of an E2E-protected message as a valid stream."""
 
     max_delta: Annotated[
@@ -79,10 +60,6 @@ class BackgroundConfig(
         require(not (self.dbc and self.load), self, "load", "0 if bus.background.dbc is given")
 
 
-SIMULATED: Final = "simulated"
-"""Name of the interface to stillwake's simulated bus."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class BusConfig(Settings, source=ours("needs no hardware", page="explanation/simulated-bus.md")):
     """The CAN bus. Bit rates are in bit/s."""
@@ -98,10 +75,10 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
     """Bit rate of the arbitration phase, and of whole classic CAN frames."""
     data_bitrate: Annotated[Positive[int], BIT_RATE, _CAN_FD] = 2_000_000
     """Bit rate of the data phase of CAN FD frames."""
-    frames: Annotated[Literal["fd", "classic"], ours("the stronger check", page="explanation/protection.md")] = "fd"
+    frames: Annotated[Literal["fd", "classic"], ours("the stronger check", page=_E2E)] = "fd"
     """Set of messages: `fd` for CAN FD; `classic` for classic CAN, with eight data bytes, coarser pressures and a
     weaker CRC."""
-    key: Annotated[str, ours("each user makes a secret key", page="explanation/protection.md")] = ""
+    key: Annotated[str, ours("each user makes a secret key", page=_E2E)] = ""
     """File with a 128-bit key. With a key, both nodes authenticate every frame (AUTOSAR SecOC) and refuse
     unauthenticated frames. Only CAN FD frames have space for the authenticator."""
     background: BackgroundConfig = field(default_factory=BackgroundConfig)

@@ -13,8 +13,7 @@ import numpy as np
 from contract.arrays import Array
 
 LAGS: Final = (1, 3, 6)
-"""Distances in rows between the factors of a product. Noise differs from row to row, so it does not change the mean of
-such a product; it would raise the mean of a square."""
+"""Distances in rows between the factors of a product. Noise would raise the mean of a square, but not this mean."""
 MEAN_PERIODS: Final = 50
 """Number of periods of the running means of the features: two shedding cycles."""
 FIRST_PERIOD: Final = 100
@@ -32,12 +31,10 @@ def weight_count(pairs: int) -> int:
 
 
 def features(window: Array) -> Array:
-    """Compute the features (..., F) of the newest row, which is the last row of a window (..., L, 2 p + 1). A row has
-    the Cp of p pairs of mirrored sensors, pair by pair, and the action, all scaled with the speed in use.
-
-    The signals of a row are the pairs' differences and the action. The features are the pairs' sums in the newest row,
-    and for each lag in `LAGS` all products of a signal of the newest row and a signal of the row `lag` rows earlier.
-    """
+    """Compute the features (..., F) of the last row of a window (..., L, 2 p + 1). A row has the Cp of p pairs of
+    mirrored sensors, pair by pair, and the action, all scaled with the speed in use. Its signals are the pairs'
+    differences and the action. The features are the last row's sums of pairs, and for each lag in `LAGS` all products
+    of a signal of the last row and a signal of the row `lag` rows earlier."""
     one, other = window[..., 0:-1:2], window[..., 1:-1:2]
     signals = np.concatenate([one - other, window[..., -1:]], axis=-1)
     newest, sums = signals[..., -1, :, None], (one + other)[..., -1, :]
@@ -46,6 +43,5 @@ def features(window: Array) -> Array:
 
 
 def terms(means: Array, pairs: int) -> Array:
-    """Return the terms of the estimate from the features' means (..., F): these means, the squared means of the pairs'
-    sums, and 1."""
+    """Return the terms of the estimate from the features' means (..., F): the means, the first p squares, and 1."""
     return np.concatenate([means, np.square(means[..., :pairs]), np.ones((*means.shape[:-1], 1))], axis=-1)

@@ -1,13 +1,9 @@
 """The file names and formats in a C library's folder. The library has a control step in C99 and usually the whole ECU.
 
-`export` writes the folder; the ECU and the emulated microcontroller read it. The folder's `stillwake.h` describes the
-calls. The folder has sources that are equal for all programs, the generated `sw_settings.h` and `sw_weights.c`, and
-`recorded.txt` and `expected.txt` for the example program `replay.c`. The file names are the same for every program and
-precision. Folders of older versions have no `expected.txt` and no documents; this module does not need these files.
-
-A folder with `sw_ecu_settings.h` also has the whole ECU: `sw_ecu.h`, the sources of the ECU, and programs with a `main`
-function in `examples/`. A folder without this header has only the control step. An example is a controller whose
-sensors the bus does not transmit.
+`export` writes the folder; the ECU and the emulated microcontroller read it. The sources are equal for all programs,
+except the generated `sw_settings.h` and `sw_weights.c`; `stillwake.h` describes the calls. Folders of older versions
+have no `expected.txt` and no documents; this module does not need these files. A folder with `sw_ecu_settings.h` also
+has the whole ECU: `sw_ecu.h`, the sources of the ECU, and programs with a `main` function in `examples/`.
 
 The parameters of a release are constant C structs. One description (`Numbers`) gives a struct's source text and its
 compiled bytes, so compiled-in parameters equal those in an image (`contract.controller.image_payload`).
@@ -41,20 +37,16 @@ NO_LIBRARY: Final = "this is not a folder written by `stillwake export --c`"
 EXPECTED: Final = "expected.txt"
 """Expected answers of the example program to the recorded rows."""
 DOCUMENTS: Final = ("README.md", "CMakeLists.txt", "LICENSE", "zephyr/module.yml", "zephyr/CMakeLists.txt")
-"""Files of the folder that are not compiled: the readme, the rules for CMake and Zephyr, and the licence. They are
-equal for all libraries, except for sizes in the text."""
+"""Files of the folder that are not compiled. They are equal for all libraries, except for sizes in the text."""
 BILL: Final = "sbom.cdx.json"
 """Name of the folder's bill of materials, in CycloneDX."""
 BOARD: Final = ("board", "loader")
 """Folders with code for a board (drivers, start-up, main loop), and with code for flashing and diagnosis."""
 COMPILE_FLAGS: Final = "compile_flags.txt"
 """Name of the file with compiler flags for editors (clangd), one flag per line; only in sample folders."""
-
 ProgramRows = npt.NDArray[np.float32]
-
 _MAX_BYTES: Final = 64 * 2**20
 """Largest size of a folder's sources, in bytes. The text of the paper's weights takes a few megabytes."""
-
 _NUMBER: Final = re.compile("[0-9]{1,9}")
 _ESCAPED: Final = re.compile(r"\\(.)")
 _DEFINITION: Final = re.compile(r"^#define (SW_\w+) (\S.*)$", re.MULTILINE)
@@ -168,10 +160,8 @@ def read_recorded(folder: Path) -> ProgramRows:
         if not folder.is_dir():
             raise LibraryError(f"library {folder}: No such file or directory") from error
         raise LibraryError(f"library {folder}: {RECORDED} is missing: {NO_LIBRARY}") from error
-    except OSError as error:
-        raise LibraryError(f"{path}: {error.strerror or error}") from error
-    except ValueError as error:
-        raise LibraryError(f"{path}: {shown(error)}") from error
+    except (OSError, ValueError) as error:
+        raise LibraryError(f"{path}: {shown(getattr(error, 'strerror', None) or error)}") from error
 
 
 def rows_text(rows: npt.NDArray[np.floating]) -> str:
@@ -201,19 +191,11 @@ def write_folder(folder: Path, contents: Mapping[str, bytes]) -> None:
             (temporary / name).write_bytes(content)
 
 
-_LINE: Final = 16
-_TYPES: Final = {"float64": "double", "float32": "float"}
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Numbers:
-    """A C struct of arrays.
-
-    Attributes:
-        struct: name of the struct's type in C.
-        members: arrays by the members' names, in the struct's order; an array's type is the member's type in C.
-        alignment: alignment of every member in bytes; None uses the alignment of each member's type.
-    """
+    """A C struct of arrays. `struct` is the name of its type in C. `members` has the arrays by the members' names, in
+    the struct's order; an array's type is the member's type in C. `alignment` is the alignment of every member in
+    bytes; None uses the alignment of each member's type."""
 
     struct: str
     members: Mapping[str, npt.NDArray[Any]]
@@ -273,11 +255,8 @@ def numbers_source(what: str, includes: Sequence[str], constants: Mapping[str, N
 def table(name: str, values: npt.NDArray[Any]) -> str:
     """Return the C definition of a single constant array."""
     sides = "".join(f"[{size}]" for size in values.shape)
-    return f"const SW_ALIGNED {_type(values)} {name}{sides} = {_initialiser(values)};"
-
-
-def _type(values: npt.NDArray[Any]) -> str:
-    return _TYPES.get(str(values.dtype), f"{values.dtype}_t")
+    kind = {"float64": "double", "float32": "float"}.get(str(values.dtype), f"{values.dtype}_t")
+    return f"const SW_ALIGNED {kind} {name}{sides} = {_initialiser(values)};"
 
 
 def _initialiser(values: npt.NDArray[Any]) -> str:
@@ -285,5 +264,5 @@ def _initialiser(values: npt.NDArray[Any]) -> str:
         return float_literal(np.float32(values)) if values.dtype == np.float32 else repr(values.item())
     if values.ndim > 1:
         return "{\n" + ",\n".join(map(_initialiser, values)) + "}"
-    lines = (values[start : start + _LINE] for start in range(0, len(values), _LINE))
+    lines = (values[start : start + 16] for start in range(0, len(values), 16))
     return "{" + ",\n ".join(", ".join(map(_initialiser, line)) for line in lines) + "}"

@@ -1,8 +1,7 @@
 """The settings of a release that may be changed on the vehicle: the goal of the control, and the limits of the jets.
 
-In the paper, the weights of the cost are inputs of every control step (section on multi-objective control). So the
-weights of drag and side force can be changed in a fleet without training or flashing. Calibration can narrow the limits
-but never widen them.
+In the paper, the weights of the cost are inputs of every control step (section on multi-objective control). So they can
+be changed in a fleet without training or flashing. Calibration can narrow the limits but never widen them.
 """
 
 import struct
@@ -40,14 +39,10 @@ def _kept(name: str, value: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """A set of calibration values. All except `delay_steps` are rounded to float32, the type on the bus and in the
-    controller, so a tool reads what it wrote. Raises ConfigError if a value does not fit into its 4 bytes.
-
-    Attributes:
-        action_limit: largest |a| that the ECU's command gate permits, in U_inf W.
-        command_step: largest change of the command in a control period, in U_inf W.
-        delay_steps: actuator delay that the controller compensates, in control periods.
-    """
+    """A set of calibration values. `action_limit` is the largest |a| that the ECU's command gate permits,
+    `command_step` the largest change of the command in a control period, both in U_inf W. `delay_steps` is the actuator
+    delay that the controller compensates, in control periods. All other values are rounded to float32, the type on the
+    bus and in the controller, so a tool reads what it wrote. Raises ConfigError if a value exceeds its 4 bytes."""
 
     weights: CostWeights
     action_limit: float

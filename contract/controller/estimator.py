@@ -35,12 +35,8 @@ clipping usually changes only readings of faulty sensors. The estimator in integ
 
 
 class WindowView(NamedTuple):
-    """A selection of a window's columns as input of the estimator.
-
-    Attributes:
-        left_out: sensors whose columns are not used.
-        exchanged: pair of sensors whose readings are exchanged before columns are left out; may be empty.
-    """
+    """A selection of a window's columns as input of the estimator. The columns of the sensors in `left_out` are not
+    used. `exchanged` is empty, or a pair of sensors whose readings are exchanged before columns are left out."""
 
     left_out: tuple[int, ...]
     exchanged: tuple[int, ...] = ()
@@ -69,12 +65,8 @@ def views(sensors: int) -> list[WindowView]:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hypotheses:
     """The rows of `estimates` that belong to each hypothesis. A hypothesis states that one of the S sensors reads
-    wrongly, or that one of the P pairs of sensors is exchanged.
-
-    Attributes:
-        view: row of `estimates` with the estimate for each hypothesis and sensor, (S + P, S).
-        reading: index of the reading that is compared with each of these estimates, (S + P, S).
-    """
+    wrongly, or that one of the P pairs of sensors is exchanged. `view` has the row of `estimates` for each hypothesis
+    and sensor, (S + P, S). `reading` has the index of the reading that is compared with each of these estimates."""
 
     view: Index
     reading: Index
@@ -105,14 +97,10 @@ def estimator_shapes(window: int, sensors: int) -> Mapping[str, tuple[int, ...]]
 class EstimatorNetwork:
     """The network that computes the estimates of all views. `train.sensor_estimator` fits this network.
 
-    Its input has two parts. The first part is the standardised window, clipped to `REACH`, with the oldest row first;
-    the columns of sensors that are left out are zero. The second part is a flag for every sensor, 1 if the sensor is
-    left out. The hidden layers have ReLU. The output is standardised Cp.
-
-    Attributes:
-        window: L, number of rows of the window.
-        mean, std: mean and standard deviation of the columns of the window, (S+1,).
-        layers: weight (outputs, inputs) and bias (outputs,) of each layer.
+    Its input has two parts. The first part is the standardised window of L rows, clipped to `REACH`, with the oldest
+    row first; the columns of sensors that are left out are zero. The second part is a flag for every sensor, 1 if the
+    sensor is left out. The hidden layers have ReLU. The output is standardised Cp. `mean` and `std` are those of the
+    window's columns, (S+1,). Each of the `layers` has a weight (outputs, inputs) and a bias (outputs,).
     """
 
     window: int
@@ -122,7 +110,6 @@ class EstimatorNetwork:
 
     @property
     def sensors(self) -> int:
-        """S, the number of sensors."""
         return len(self.mean) - 1
 
     def estimates(self, window: Array) -> Array:

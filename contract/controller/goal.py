@@ -24,22 +24,16 @@ NARROWEST: Final = 0.5
 SPEED_SCALE: Final = 0.4
 """Difference from the design speed that the prior reads as 1, as a share of the design speed."""
 SCHEDULED: Final = ("one", "slower", "faster", "effort", "lift", "limit")
-"""Names of the variables that schedule a prior's units: the constant 1, the scaled speed below and above the design
-speed, and the parts of the goal. A prior's tensors have this order. A unit's weights and its gate depend on these
-variables. The gate also depends on filtered sums of mirrored sensors' pressures."""
+"""Names of the variables that schedule a prior's units, in the order of its tensors: the constant 1, the scaled speed
+below and above the design speed, and the parts of the goal. A gate also depends on filtered sums of pressures."""
 SPEED_PLACES: Final = (SCHEDULED.index("slower"), SCHEDULED.index("faster"))
-"""Indices of the two speed variables in `SCHEDULED`. With a single variable for all speeds, more training at high
-speeds made a prior worse at low speeds."""
+"""Indices of the speed variables. With one variable, more training at high speeds made a prior worse at low speeds."""
 
 
 class Goal(NamedTuple):
-    """A position in the range of goals. Each part of the position is between 0 and 1.
-
-    Attributes:
-        effort: sqrt(w / `DEAREST_EFFORT`) for a weight w of effort relative to a weight of 1 on drag; at most 1.
-        lift: sqrt(w / `DEAREST_LIFT`) for a weight w of lift relative to a weight of 1 on drag; at most 1.
-        limit: 0 if the jets have the release's limit, 1 if they have at most `NARROWEST` times the release's limit.
-    """
+    """A position in the range of goals. Each part of the position is between 0 and 1. `effort` and `lift` are sqrt(w /
+    `DEAREST_EFFORT`) and sqrt(w / `DEAREST_LIFT`) for a weight w relative to a weight of 1 on drag. `limit` is 0 if the
+    jets have the release's limit, 1 if they have at most `NARROWEST` times the release's limit."""
 
     effort: float = 0.0
     lift: float = 0.0
@@ -81,15 +75,13 @@ def of_two_speeds(parts: Array) -> Array:
 
 
 def unknown_to_prior(weights: CostWeights, *, knows_goal: bool = True) -> CostWeights:
-    """Return the weights for MPC iterations that start from a prior's plan. The weight is zero for each term for which
-    the prior was trained.
+    """Return the weights for MPC iterations that start from a prior's plan: zero for terms for which it was trained.
 
     A prior is trained with gradients through the flow, so the true gradient of the cost at its plan is zero for goals
     in the trained range. The model's gradient at this plan consists of noise and model error. Iterations do not help
-    outside this range either. With a lift weight of four times `DEAREST_LIFT`, iterations increased the cost by 12 % (4
-    to 21 % in three pairs of runs). With an effort weight of four times `DEAREST_EFFORT`, they did not lower it. A
-    prior for drag alone has no input for other goals, so the iterations keep the weights of effort and lift.
-    """
+    outside this range either: with a lift weight of four times `DEAREST_LIFT`, they increased the cost by 12 % (4 to 21
+    % in three pairs of runs); with four times `DEAREST_EFFORT`, they did not lower it. A prior for drag alone has no
+    input for other goals, so the iterations keep the weights of effort and lift."""
     known = replace(weights, drag_mean=0.0)
     return replace(known, effort=0.0, lift=0.0) if knows_goal else known
 

@@ -9,7 +9,7 @@ An ECU must not use an invalid number as an index or a bound. The bounds of sing
 only. A build's `sw_layout.h` has a table of these bounds, with which `sw_image_open` checks an image in C;
 `check_numbers` checks an image in Python. Floating-point numbers must be finite. Divisors and widths must be positive.
 Integers must be so small that no sum of the int8 library overflows. Rules for several numbers together are stated
-twice, in C and in `_together`.
+twice, in C and in `wrong_in`.
 """
 
 import hashlib
@@ -24,6 +24,17 @@ import numpy.typing as npt
 from contract.controller.c_folder import ECU_SETTINGS, ProgramSettings, generated_header
 from contract.errors import BundleContainerError
 
+LAYOUT: Final = "sw_layout.h"
+"""Name of the header that is generated from the other generated headers."""
+RELEASE_PART: Final = "sw_release.bin"
+WEIGHTS_PART: Final = "sw_weights.bin"
+ESTIMATOR_PART: Final = "sw_estimator_weights.bin"
+"""Name of the estimator's part of the payload, which exists only with a sensor check. The other parts always exist."""
+_OF_ECU: Final = ("SW_RELEASE_LAYOUT", "SW_RELEASE_BYTES", "SW_PAST", "SW_SENSOR_CHECK")
+"""Settings of `sw_ecu_settings.h` on which the parameters depend; the other settings describe the vehicle."""
+_TITLE: Final = "layout 2 of a stillwake controller image\n"
+"""First line of a layout. The number in the line rises if a member gets another meaning but has the same size. In
+layout 1, the wake without jets was relative to the wake at the design speed."""
 LEAST_FIGURE: Final = 1e-9
 MOST_FIGURE: Final = 1e3
 """Largest permitted magnitude, in Cp, of the figures that describe the residuals of healthy sensors and the wake
@@ -40,15 +51,6 @@ _POSITIVE: Final = frozenset(
     }
 )
 _NOT_NEGATIVE: Final = frozenset({"weights", "default_weights", "slowest", "decoder_largest"})
-_ESTIMATOR_MOST: Final = 2.0**17
-"""Largest magnitude of the estimator's weights. With such weights every estimate is finite."""
-_GAIN_ONE: Final = 2.0**22
-_ROW_SCALE_ONE: Final = 2.0**23
-"""Integer that represents the largest scale of a layer's rows; `_GAIN_ONE` represents the largest gain of a layer. Both
-equal the constants in `export.to_c.int8_arrays`."""
-_OF_ELU_MOST: Final = 65535.0
-"""Largest value of the factor that converts an ELU's integer to the scale of the decoder's residuals."""
-
 Member = tuple[str, tuple[int, ...], int]
 """Type and shape of an array, and its offset in the payload, in bytes."""
 Range = tuple[float, float]
@@ -93,67 +95,17 @@ def limits_in(members: Mapping[str, Member], layout: Mapping[str, str]) -> Itera
             yield Limits(name, dtype, place + number * run * size, run, groups, stride, *limits)
 
 
-def wrong_in(payload: bytes, layout: Mapping[str, str]) -> str | None:
-    """Describe the first number that is outside its limits; return None if all numbers are inside."""
+def wrong_in(payload: bytes, layout: Mapping[str, str]) -> Iterator[str]:
+    """Describe the numbers that are outside their limits, then numbers that contradict each other."""
     for one in limits_in(members_in(layout), layout):
         dtype = np.dtype(one.dtype).newbyteorder("<")
         for group in range(one.groups):
             values = np.frombuffer(payload, dtype, one.run, one.place + group * one.stride)
             wrong = values[~((values >= one.least) & (values <= one.most))]
             if wrong.size:
-                return f"{one.name} holds {wrong[0]:g}: must be in {one.least:g}..{one.most:g}"
-    return next(_together(arrays_in(payload, layout), layout), None)
-
-
-def _ranges(struct: str, member: str, dtype: str, layout: Mapping[str, str]) -> tuple[Range, ...]:
-    """Return the allowed range of each constant that an array holds; an empty tuple if any number is allowed."""
-    if dtype.startswith("float"):
-        info: Any = np.finfo(dtype)
-        return _of_floats(struct, member, layout, float(info.tiny), float(info.max))
-    if dtype == "int8":
-        return ((-127.0, 127.0),)  # a sum of products with -128 may overflow
-    if member in ("base", "pairs"):
-        return ((0.0, _stated(layout, "SW_SENSORS", 256) - 1.0),)
-    if member == "prior_filter_rows":
-        memory = float(_stated(layout, "SW_PRIOR_MEMORY", 1))
-        return (0.0, memory - 1.0), (1.0, memory)
-    if member.endswith("_adjoint"):
-        return (-_GAIN_ONE, _GAIN_ONE), (0.0, _ROW_SCALE_ONE)
-    return ((0.0, _OF_ELU_MOST),) if member == "residual_of_elu" else ()
-
-
-def _of_floats(struct: str, member: str, layout: Mapping[str, str], positive: float, most: float) -> tuple[Range, ...]:
-    if member == "air_speed":
-        return ((-MOST_WEIGHT, MOST_WEIGHT),)
-    if member == "resting":
-        return (positive, most), (-MOST_FIGURE, -LEAST_FIGURE), (LEAST_FIGURE, MOST_FIGURE)
-    if member in ("slowest", "fastest") and _stated(layout, "SW_PAST", 0):
-        return ((0.1, 1.0) if member == "slowest" else (1.0, 10.0),)
-    if member.endswith("_layer"):
-        return (positive, most), (0.0, most)
-    if member == "cell_inverse_scale":
-        return ((positive, _widest_integer(layout)),)
-    most = _ESTIMATOR_MOST if struct == "estimator" and member != "factor" else most
-    if member.endswith("_deviation"):
-        return ((LEAST_FIGURE if _stated(layout, "SW_SENSOR_CHECK", 0) else 0.0, MOST_FIGURE),)
-    return ((positive if member in _POSITIVE else 0.0 if member in _NOT_NEGATIVE else -most, most),)
-
-
-def _widest_integer(layout: Mapping[str, str]) -> float:
-    """Return the largest integer of the LSTM's hidden state, `SW_QMAX` in C. No rounded value saturates."""
-    lanes, most = _stated(layout, "SW_LANES", 8), _stated(layout, "SW_INT16_QMAX", 32767)
-    padded = -(-_stated(layout, "SW_LSTM", 1) // lanes) * lanes
-    is_full = padded <= _stated(layout, "SW_FULL_RANGE_WIDTH", padded)
-    return float(most if is_full else _stated(layout, "SW_SUM_QMAX", padded) // padded)
-
-
-def _stated(layout: Mapping[str, str], name: str, otherwise: int) -> int:
-    """Return the number of a definition in the layout, or `otherwise` if the layout lacks this definition."""
-    return int(layout.get(name, otherwise))
-
-
-def _together(arrays: Mapping[str, npt.NDArray[Any]], layout: Mapping[str, str]) -> Iterator[str]:
-    """Describe numbers that contradict each other. `are_sound_together` in `sw_image.c` applies the same rules."""
+                yield f"{one.name} holds {wrong[0]:g}: must be in {one.least:g}..{one.most:g}"
+    # `sw_image.c` states these rules a second time.
+    arrays = arrays_in(payload, layout)
     rows = arrays.get("weights.prior_filter_rows")
     if rows is not None:
         memory, all_rows = (_stated(layout, f"SW_PRIOR_{name}", 1) for name in ("MEMORY", "FILTER_ROWS"))
@@ -168,31 +120,60 @@ def _together(arrays: Mapping[str, npt.NDArray[Any]], layout: Mapping[str, str])
             yield f"release.slowest is {slowest:g}: a past of {past} rows is too short for a window of {window}"
 
 
-LAYOUT: Final = "sw_layout.h"
-"""Name of the header that is generated from the other generated headers."""
-RELEASE_PART: Final = "sw_release.bin"
-WEIGHTS_PART: Final = "sw_weights.bin"
-ESTIMATOR_PART: Final = "sw_estimator_weights.bin"
-"""Name of the estimator's part of the payload, which exists only with a sensor check. The other parts always exist."""
-_ESTIMATOR_SETTINGS: Final = "sw_estimator_settings.h"
-_IDENTITY: Final = "SW_PROGRAM_SHA256"
-"""Definition in `sw_settings.h` that identifies the compiled-in program."""
-_OF_ECU: Final = ("SW_RELEASE_LAYOUT", "SW_RELEASE_BYTES", "SW_PAST", "SW_SENSOR_CHECK")
-"""Settings of `sw_ecu_settings.h` on which the parameters depend; the other settings describe the vehicle."""
-_TITLE: Final = "layout 2 of a stillwake controller image\n"
-"""First line of a layout. The number in the line rises if a member gets another meaning but has the same size. In
-layout 1, the wake without jets was relative to the wake at the design speed."""
-_STRUCTS: Final = ("SW_RELEASE", "SW_WEIGHTS", "SW_HOT", "SW_ESTIMATOR")
-"""Names of the structs in a payload, in the payload's order."""
+def _ranges(struct: str, member: str, dtype: str, layout: Mapping[str, str]) -> tuple[Range, ...]:
+    """Return the allowed range of each constant that an array holds; an empty tuple if any number is allowed."""
+    if dtype.startswith("float"):
+        info: Any = np.finfo(dtype)
+        return _of_floats(struct, member, layout, float(info.tiny), float(info.max))
+    if dtype == "int8":
+        return ((-127.0, 127.0),)  # a sum of products with -128 may overflow
+    if member in ("base", "pairs"):
+        return ((0.0, _stated(layout, "SW_SENSORS", 256) - 1.0),)
+    if member == "prior_filter_rows":
+        memory = float(_stated(layout, "SW_PRIOR_MEMORY", 1))
+        return (0.0, memory - 1.0), (1.0, memory)
+    if member.endswith("_adjoint"):  # gain and scale of the rows; `export.to_c.int8_arrays` has the same bounds
+        return (-(2.0**22), 2.0**22), (0.0, 2.0**23)
+    return ((0.0, 65535.0),) if member == "residual_of_elu" else ()
+
+
+def _of_floats(struct: str, member: str, layout: Mapping[str, str], positive: float, most: float) -> tuple[Range, ...]:
+    if member == "air_speed":
+        return ((-MOST_WEIGHT, MOST_WEIGHT),)
+    if member == "resting":
+        return (positive, most), (-MOST_FIGURE, -LEAST_FIGURE), (LEAST_FIGURE, MOST_FIGURE)
+    if member in ("slowest", "fastest") and _stated(layout, "SW_PAST", 0):
+        return ((0.1, 1.0) if member == "slowest" else (1.0, 10.0),)
+    if member.endswith("_layer"):
+        return (positive, most), (0.0, most)
+    if member == "cell_inverse_scale":
+        return ((positive, _widest_integer(layout)),)
+    if struct == "estimator" and member != "factor":
+        most = 2.0**17  # with such weights every estimate is finite
+    if member.endswith("_deviation"):
+        return ((LEAST_FIGURE if _stated(layout, "SW_SENSOR_CHECK", 0) else 0.0, MOST_FIGURE),)
+    return ((positive if member in _POSITIVE else 0.0 if member in _NOT_NEGATIVE else -most, most),)
+
+
+def _widest_integer(layout: Mapping[str, str]) -> float:
+    """Return the largest integer of the LSTM's hidden state, `SW_QMAX` in C. No rounded value saturates."""
+    lanes, most = _stated(layout, "SW_LANES", 8), _stated(layout, "SW_INT16_QMAX", 32767)
+    padded = -(-_stated(layout, "SW_LSTM", 1) // lanes) * lanes
+    is_full = padded <= _stated(layout, "SW_FULL_RANGE_WIDTH", padded)
+    return float(most if is_full else _stated(layout, "SW_SUM_QMAX", padded) // padded)
+
+
+def _stated(layout: Mapping[str, str], name: str, otherwise: int) -> int:
+    return int(layout.get(name, otherwise))
 
 
 def layout_of(files: Mapping[str, bytes]) -> str:
-    """Return the layout of a library with an ECU, from the library's files by name."""
+    """Return the layout of a library with an ECU from its files by name, without the compiled-in program's hash."""
     ecu = ProgramSettings(files[ECU_SETTINGS]).definitions
     found = ProgramSettings.of(files).definitions | {name: ecu[name] for name in _OF_ECU}
     if ecu["SW_SENSOR_CHECK"] != "0":
-        found |= ProgramSettings(files[_ESTIMATOR_SETTINGS]).definitions
-    return _TITLE + "".join(f"{name} {found[name]}\n" for name in sorted(found) if name != _IDENTITY)
+        found |= ProgramSettings(files["sw_estimator_settings.h"]).definitions
+    return _TITLE + "".join(f"{name} {found[name]}\n" for name in sorted(found) if name != "SW_PROGRAM_SHA256")
 
 
 def with_layout(files: Mapping[str, bytes]) -> dict[str, bytes]:
@@ -235,7 +216,7 @@ def check_numbers(payload: bytes, sha256: bytes) -> None:
         layout = layout_in(payload, sha256)
         if _starts(layout)[""] > payload.rfind(_TITLE.encode()):
             raise BundleContainerError(f"image: a payload of {len(payload)} bytes is too short for its layout")
-        if wrong := wrong_in(payload, layout):
+        for wrong in wrong_in(payload, layout):
             raise BundleContainerError(f"image: {wrong}")
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
         raise BundleContainerError(f"image: its layout text (SHA-256 {sha256.hex()[:12]}..) is damaged") from error
@@ -256,7 +237,7 @@ def _definitions(layout: str) -> dict[str, str]:
 def _starts(layout: Mapping[str, str]) -> dict[str, int]:
     """Return the offset of each struct of a payload by its name; the name "" has the offset of the payload's end."""
     found, start = {}, 0
-    for struct in (*_STRUCTS, ""):
+    for struct in ("SW_RELEASE", "SW_WEIGHTS", "SW_HOT", "SW_ESTIMATOR", ""):
         found[struct] = start
         start += int(layout.get(f"{struct}_BYTES", 0))
         start += -start % int(layout["SW_ALIGNMENT"])

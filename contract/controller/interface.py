@@ -65,8 +65,7 @@ class Sizes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlStep:
-    """The result of a control step: the outputs in the module's table. The ECU commands the plan's first action for
-    which the input `free` is 1."""
+    """The outputs in the module's table. The ECU commands the plan's first action for which the input `free` is 1."""
 
     plan: Array
     forces: Array

@@ -16,14 +16,12 @@ import numpy as np
 
 from contract.arrays import Array, Index
 
+T = TypeVar("T", Array, float)
+
 
 class Places(NamedTuple):
-    """The interpolation positions of the m rows that a controller reads, oldest first.
-
-    Attributes:
-        newer: (m,) index of the first recorded row at the position's time or later.
-        share: (m,) position between the row `newer` (0) and the row before it (1); at least 0 and below 1.
-    """
+    """The interpolation positions of the m rows that a controller reads, oldest first. `newer` (m,) is the index of the
+    first recorded row at a position's time or later, `share` (m,) the position in [0, 1) towards the row before it."""
 
     newer: Index
     share: Array
@@ -35,12 +33,8 @@ class Places(NamedTuple):
         return np.asarray(newer + share * (older - newer))
 
 
-T = TypeVar("T", Array, float)
-
-
 def followed(before: T, new: T, share: float) -> T:
-    """Return the value at a share of the way from `before` to `new`; both are pressures or both are commands. At the
-    design speed and above, the share is 1 or more, and the result is `new`."""
+    """Return the value at a share of the way from `before` to `new`; with a share of 1 or more, the value is `new`."""
     return new if share >= 1.0 else before + share * (new - before)
 
 

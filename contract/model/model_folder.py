@@ -2,21 +2,16 @@
 
 `model.safetensors` has the weights. The prefix `encoder.` marks the trained encoder of all sensors (the teacher), and
 `slim.` marks the encoder of few sensors. Further prefixes are `dynamics.`, `decoder.` and, with narrower networks,
-`slim_dynamics.` and `slim_decoder.`. `model.json` has the assumptions and the origin of the weights:
+`slim_dynamics.` and `slim_decoder.`. `model.json` has the schema, the SHA-256 of the weights, and a `Description`.
 
-    schema, config (all settings), scaling (contract.release.manifest.Scaling), layout (names, positions, base and
-    mirror images of all sensors, in the order of the scaling), sensors (the slim encoder's inputs in order),
-    dataset_sha256, weights_sha256, metrics, ranking, versions
-
-A model of the first schema states no layout; its sensors are the truck's sensors. This module returns tensors
-as arrays, from which `train` builds networks and `export` builds a controller program. safetensors is imported only
-when needed, because a vehicle uses this package but does not install safetensors.
+This module returns tensors as arrays, from which `train` builds networks and `export` builds a controller program.
+safetensors is imported only when needed, because a vehicle uses this package but does not install safetensors.
 """
 
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -34,10 +29,9 @@ from contract.typed import typed
 
 MODEL_SCHEMA: Final = "stillwake-model/2"
 MODEL_SCHEMA_1: Final = "stillwake-model/1"
-"""First schema, which this version can still read. It is for models of the truck's 90 sensors."""
+"""First schema, which this version can still read. It states no layout; the sensors are the truck's 90 sensors."""
 DESCRIPTION: Final = "model.json"
 MODEL_WEIGHTS: Final = "model.safetensors"
-TEACHER: Final = "encoder"
 SLIM: Final = "slim"
 PRIOR: Final = "prior"
 """Prefix of the tensors of the prior, which computes the initial plan of the MPC (`train.refinement`)."""
@@ -45,32 +39,28 @@ RESTING: Final = "resting"
 """Name of a tensor that accompanies the prior's tensors: K rows of speed, base pressure and swing of the wake without
 jets (`contract.release.manifest.RestingWake`), (K, 3)."""
 AIR_SPEED: Final = "air_speed"
-"""Name of a tensor that accompanies the prior's tensors: the weights of the estimate of the air speed
-(`contract.controller.air_speed`)."""
+"""Name of a tensor that accompanies the prior's tensors: the weights of `contract.controller.air_speed`."""
 PREDICTOR: Final = ("dynamics", "decoder")
 """Networks that a model may have in a second, narrower form. The names of narrower networks begin with `SLIM`."""
-
-_NETWORKS: Final = (TEACHER, SLIM, PRIOR, *PREDICTOR, *(f"{SLIM}_{name}" for name in PREDICTOR))
+_NETWORKS: Final = ("encoder", SLIM, PRIOR, *PREDICTOR, *(f"{SLIM}_{name}" for name in PREDICTOR))
 _HASH: Final = "weights_sha256"
 _ENTRIES: Final = ("config", "dataset_sha256", "metrics", "ranking", "scaling", "sensors", "versions", _HASH)
-
 Tensors = Mapping[str, npt.NDArray[Any]]
 """Arrays by name."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Description:
-    """The description of a model: the assumptions and the origin of the weights.
+    """The assumptions and the origin of a model's weights.
 
     Attributes:
         layout, scaling: layout and scaling of all sensors, in the same order.
         sensors: names of the sensors that the slim encoder reads, in the order of its inputs.
         dataset_sha256: SHA-256 of the recording to which the model was fitted.
         metrics: errors by name. "teacher", "slim" and, with narrower networks, "deployed" are each a
-            `train.distillation.evaluate.EncoderMetrics`. "slim_latent" is L1/sigma (mean absolute error / standard
-            deviation) of the slim encoder's latents against the teacher's latents.
-        ranking: method and order of the sensors; for SHAP also mean and standard deviation of every sensor's score, and
-            the stability of the best sets.
+            `train.distillation.evaluate.EncoderMetrics`. "slim_latent" is the mean absolute error of the slim encoder's
+            latents against the teacher's, divided by their standard deviation.
+        ranking: method and order of the sensors; for SHAP also the scores and the stability of the best sets.
         versions: versions of the software; "torch_threads" is the number of threads during training.
     """
 
@@ -91,12 +81,7 @@ class Description:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelFolder:
-    """A verified model directory.
-
-    Attributes:
-        tensors: tensors by their names in the file; tensors with unknown names are refused.
-        config_tree: the settings as stored, without the defaults of later versions.
-    """
+    """A verified model directory. `config_tree` has the settings as stored, without the defaults of later versions."""
 
     description: Description
     tensors: Tensors
@@ -145,13 +130,19 @@ def write(path: Path, description: Description, tensors: Tensors) -> None:
     import safetensors.numpy
 
     check_free(path)
+    layout = description.layout
     weights = safetensors.numpy.save({key: np.ascontiguousarray(value) for key, value in tensors.items()})
     body = {
         "schema": MODEL_SCHEMA,
         **vars(description),
         "config": to_tree(description.config),
         "scaling": asdict(description.scaling),
-        "layout": _layout_tree(description.layout),
+        "layout": {
+            "names": layout.names,
+            "positions": layout.positions.tolist(),
+            "base": layout.base.tolist(),
+            "mirror": None if layout.mirror is None else layout.mirror.tolist(),
+        },
         _HASH: hashlib.sha256(weights).hexdigest(),
     }
     with replacing(path) as temporary:
@@ -203,33 +194,23 @@ def _read_bytes(path: Path, name: str) -> bytes:
         raise ModelError(f"model {path}: {name} cannot be read ({error.strerror or error})") from error
 
 
-def _layout_tree(layout: SensorLayout) -> dict[str, Any]:
-    return {
-        "names": layout.names,
-        "positions": layout.positions.tolist(),
-        "base": layout.base.tolist(),
-        "mirror": None if layout.mirror is None else layout.mirror.tolist(),
-    }
-
-
-def _layout_of(tree: Mapping[str, Any]) -> SensorLayout:
-    return SensorLayout(
-        names=tuple(tree["names"]),
-        positions=np.array(tree["positions"], dtype=np.float64),
-        base=np.array(tree["base"], dtype=np.intp),
-        mirror=None if tree["mirror"] is None else np.array(tree["mirror"], dtype=np.intp),
-    )
-
-
 def _describe(path: Path, body: Mapping[str, Any]) -> Description:
     try:
-        parts: dict[str, Any] = {
-            "config": from_tree(body["config"]),
-            "scaling": typed(body["scaling"], Scaling),
-            "sensors": tuple(body["sensors"]),
-            "layout": _layout_of(body["layout"]) if "layout" in body else TRUCK,
-        }
-        held = {item.name: body[item.name] for item in fields(Description) if item.name not in parts}
-        return Description(**held, **parts)
+        layout = TRUCK
+        if "layout" in body:
+            tree = body["layout"]
+            layout = SensorLayout(
+                names=tuple(tree["names"]),
+                positions=np.array(tree["positions"], dtype=np.float64),
+                base=np.array(tree["base"], dtype=np.intp),
+                mirror=None if tree["mirror"] is None else np.array(tree["mirror"], dtype=np.intp),
+            )
+        return Description(
+            config=from_tree(body["config"]),
+            scaling=typed(body["scaling"], Scaling),
+            sensors=tuple(body["sensors"]),
+            layout=layout,
+            **{name: body[name] for name in ("dataset_sha256", "metrics", "ranking", "versions")},
+        )
     except (ConfigError, ModelError, KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise ModelError(f"model {path}: {DESCRIPTION}: {error}") from error

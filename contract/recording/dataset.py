@@ -19,9 +19,7 @@ import numpy.typing as npt
 from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import ConfigError, DatasetError
-from contract.recording.episode import FACTS, PlantFacts, facts_in, problems_of
-from contract.recording.episode import REQUIRED as REQUIRED
-from contract.recording.episode import ROLES as ROLES
+from contract.recording.episode import FACTS, REQUIRED, ROLES, PlantFacts, facts_in, problems_of
 from contract.recording.episode import UNITS as UNITS
 from contract.recording.episode import Episode as Episode
 from contract.recording.episode import Role as Role
@@ -30,14 +28,27 @@ from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from contract.typed import differences
 
+DATASET_SCHEMA: Final = "stillwake-dataset/3"
+DATASET_SCHEMA_2: Final = "stillwake-dataset/2"
+"""Older schema, which is still read. It has the truck's sensors, ten series, and plant facts in the provenance."""
+QUANTUM: Final = 2.0**-15
+CP_QUANTUM: Final = 2.0**-13
+"""Smallest quantum of Cp; that of other measured series is `QUANTUM`. 16 bits then hold Cp within +-4, and the other
+series within +-1. The bus transmits Cp in steps of 2.7e-4 (0.1 Pa at the default operating point)."""
+COARSEST_QUANTUM: Final = 2.0**-8
+"""Largest quantum. So values beyond +-128 are refused; no coefficient of this flow comes near 128."""
+_ATTRIBUTES: Final = {
+    "role": f"one of {', '.join(ROLES)}",
+    "initial_action": "the action in force before the first sample",
+    "provenance": "a JSON object, {} if nothing is known",
+}
 LARGEST_INTEGER: Final = 32767
 """Largest stored integer. The smallest is its negative, so that the mirror image of a series can also be stored."""
 
 
 def pack(values: Array, finest: float, coarsest: float) -> tuple[npt.NDArray[np.int16], float]:
     """Convert finite values of any shape to integers and their quantum. The quantum is `finest` times the smallest
-    power of two with which every value fits into 16 bits. Raises ValueError if a value lies outside +-32767 * coarsest;
-    no value is clipped or wraps around."""
+    power of two with which every value fits into 16 bits. Raises ValueError for values beyond +-32767 * coarsest."""
     quantum, peak = finest, float(np.abs(values).max(initial=0.0))
     while np.rint(peak / quantum) > LARGEST_INTEGER:
         quantum *= 2.0
@@ -51,34 +62,10 @@ def unpack(integers: npt.NDArray[np.int16], quantum: float) -> Array:
     return integers.astype(np.float64) * quantum
 
 
-DATASET_SCHEMA: Final = "stillwake-dataset/3"
-DATASET_SCHEMA_2: Final = "stillwake-dataset/2"
-"""Older schema, which is still read. It has the truck's sensors, ten series, and plant facts in the provenance."""
-
-EXACT_SERIES: Final = frozenset({"t", "action"})
-"""Series stored in double precision, because they are times and commands, not measured values."""
-QUANTUM: Final = 2.0**-15
-CP_QUANTUM: Final = 2.0**-13
-"""Smallest quantum of Cp; the smallest quantum of all other measured series is `QUANTUM`. With these quanta, 16 bits
-hold Cp within +-4 and the other series within +-1. A series with larger values uses a larger quantum. The bus transmits
-Cp in steps of 2.7e-4 (0.1 Pa at the default operating point)."""
-COARSEST_QUANTUM: Final = 2.0**-8
-"""Largest quantum. So values beyond +-128 are refused; no coefficient of this flow comes near 128."""
-_CHUNK: Final = 1000
-"""Number of control steps that are compressed together."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Dataset:
-    """The episodes of a data set in recorded order, and facts about the plant.
-
-    Attributes:
-        episodes: episodes with different names; every Cp has one column for each sensor of the layout.
-        layout: layout of the sensors; by default the truck's layout.
-        facts: facts about the plant. If None, the facts come from the episodes' provenance and times; see `plant`.
-
-    Raises DatasetError for episodes that do not fit each other or the layout.
-    """
+    """The episodes of a data set in recorded order, and the `facts` about the plant that the file states (see `plant`).
+    Every Cp has one column for each sensor of the layout. Raises DatasetError for equal names or another shape."""
 
     episodes: tuple[Episode, ...]
     layout: SensorLayout = TRUCK
@@ -101,16 +88,14 @@ class Dataset:
 
     @property
     def plant(self) -> PlantFacts:
-        """The plant's facts. A fact that `facts` lacks is taken from the episodes' provenance. If `facts` and
-        provenance lack the control period, it is computed from the times t."""
+        """The plant's facts: those of `facts`, then of the episodes' provenance, then the period from the times t."""
         given = () if self.facts is None else (self.facts,)
         facts = (*given, *(facts_in(item.provenance) for item in self.episodes), _clock(self.episodes))
         return PlantFacts(**ChainMap(*(one.known for one in facts)))
 
 
 def read(path: Path) -> Dataset:
-    """Read and check a data set. Raises DatasetError if the file is missing, truncated or of an unsupported schema, or
-    has an invalid field; the message states the file, the episode and the field."""
+    """Read and check a data set. Raises DatasetError with file, episode and field for the first problem."""
     dataset, problems = survey(path)
     if dataset is None or problems:
         first = problems[0]
@@ -132,12 +117,9 @@ def survey(path: Path) -> tuple[Dataset | None, tuple[str, ...]]:
 
 
 def write(path: Path, dataset: Dataset) -> None:
-    """Write a data set, completely or not at all.
-
-    `t` and `action` are stored in double precision, measured series as 16-bit integers. So a stored value differs from
-    the original value by at most half the quantum of its series. Raises DatasetError if a series exceeds the range of
-    16 bits; the message states episode and field. Raises StillwakeError if the file cannot be written.
-    """
+    """Write a data set, completely or not at all. A stored value differs from the original value by at most half the
+    quantum of its series; `t` and `action` are exact. Raises DatasetError with episode and field if a series exceeds
+    the range of 16 bits, and StillwakeError if the file cannot be written."""
     # The file is built in memory first, because HDF5 gives no clear error when a disk is full.
     image = io.BytesIO()
     with h5py.File(image, "w", track_order=True) as file:
@@ -154,8 +136,7 @@ def write(path: Path, dataset: Dataset) -> None:
 def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> Dataset:
     """Return an existing data set, or a data set without episodes if there is no file. `facts` is the provenance that
     old and new episodes must share, such as the flow's settings. Raises DatasetError if the file is not a data set, or
-    if its sensors or the facts of an episode differ from `layout` and `facts`; the message states the first
-    difference."""
+    if its sensors or the facts of an episode differ from `layout` and `facts`; the message states a difference."""
     if not path.exists():
         return Dataset(episodes=(), layout=layout)
     there = read(path)
@@ -173,23 +154,17 @@ def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = 
 
 
 def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> None:
-    """Add episodes at the end of a data set; create the data set if there is no file. The old file remains until the
-    new file is complete, and the values of old episodes do not change. Raises the errors of `read_to_append` and
-    `write`, and DatasetError if a name is already used."""
+    """Add episodes at the end of a data set; create the data set if there is no file. The values of old episodes do not
+    change. Raises the errors of `read_to_append` and `write`, and DatasetError if a name is already used."""
     there = read_to_append(path, facts, layout)
     write(path, replace(there, episodes=(*there.episodes, *episodes)))
 
 
-def _schema(path: Path, file: h5py.File) -> str:
-    schema = file.attrs.get("schema")
-    if schema not in (DATASET_SCHEMA, DATASET_SCHEMA_2):
-        raise DatasetError(f"{path}: has schema {schema!r}; this version reads {DATASET_SCHEMA!r}")
-    return str(schema)
-
-
 def _surveyed(path: Path, problems: list[str]) -> Dataset | None:
     with opened(path) as file:
-        schema = _schema(path, file)
+        schema = file.attrs.get("schema")
+        if schema not in (DATASET_SCHEMA, DATASET_SCHEMA_2):
+            raise DatasetError(f"{path}: has schema {schema!r}; this version reads {DATASET_SCHEMA!r}")
         layout, facts = TRUCK, None
         if schema == DATASET_SCHEMA:
             layout, facts = _read_layout(path, file), _read_facts(path, file)
@@ -259,16 +234,15 @@ def _write_episode(node: h5py.Group, episode: Episode) -> None:
             continue
         values, quantum = packed(episode, name)
         attributes = {"units": unit} | ({} if quantum is None else {"quantum": quantum})
-        chunk = (min(_CHUNK, len(values)), *values.shape[1:])
+        chunk = (min(1000, len(values)), *values.shape[1:])
         storage = {"chunks": chunk, "compression": "gzip", "compression_opts": 9, "shuffle": True}
         node.create_dataset(name, data=values, **storage).attrs.update(attributes)
 
 
 def packed(episode: Episode, name: str) -> tuple[npt.NDArray[Any], float | None]:
-    """Return a series as it is stored: 16-bit integers and their quantum, or the unchanged values and None. Raises
-    DatasetError if the series exceeds the range of 16 bits."""
+    """Return a series as stored: integers and quantum, or the values and None. Raises DatasetError beyond 16 bits."""
     values = episode.series[name]
-    if name in EXACT_SERIES:
+    if name in ("t", "action"):  # times and commands are not measured values
         return values, None
     try:
         return pack(values, CP_QUANTUM if name == "Cp" else QUANTUM, COARSEST_QUANTUM)
@@ -313,13 +287,6 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
         return None
     facts: dict[str, Any] = {"initial_action": initial_action, "provenance": provenance}
     return Episode(name=name, role=attributes["role"], series=series, **facts)
-
-
-_ATTRIBUTES: Final = {
-    "role": f"one of {', '.join(ROLES)}",
-    "initial_action": "the action in force before the first sample",
-    "provenance": "a JSON object, {} if nothing is known",
-}
 
 
 def _read_series(name: str, field: str, stored: h5py.Dataset, problems: list[str]) -> Array | None:

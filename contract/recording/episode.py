@@ -15,6 +15,25 @@ from contract.arrays import Array, Index
 from contract.errors import DatasetError
 from contract.ledger import LEDGER_FIELDS, DragLedger, ledger_of
 
+Role = Literal["train", "test", "extended", "controlled", "calm"]
+"""Use of an episode. The model is fitted to "train" episodes and tested on "test" episodes. "extended" episodes have
+forcing beyond the training range, "controlled" episodes have a controller, "calm" episodes begin at the steady wake."""
+ROLES: Final[tuple[Role, ...]] = get_args(Role)
+UNITS: Final[Mapping[str, str]] = {
+    "t": "W/U_inf",
+    "action": "U_inf W",
+    "Cp": "1",
+    "Cd": "1",
+    "Cl": "1",
+    "Cd_slot_pressure": "1",
+    "Cd_slot_viscous": "1",
+    "Cd_momentum": "1",
+    "jet_power": "rho U_inf^3 W / 2",
+    "Uy_probe": "U_inf",
+}
+"""Unit of every series that an episode may have. A series has a row per control step; Cp has a column per sensor."""
+REQUIRED: Final = ("t", "action", "Cp", "Cd", "Cl")
+"""Series that training and export read. The other series exist only if the plant provides them."""
 ForcesClock = Literal["log", "start", "t_c"]
 """Clock of the times in a table of forces for a log. "log" means seconds on the log's clock, "start" means seconds
 since the log's first pressure, and "t_c" means units of W / U_inf since this pressure."""
@@ -22,15 +41,9 @@ since the log's first pressure, and "t_c" means units of W / U_inf since this pr
 
 @dataclass(frozen=True, kw_only=True)
 class PlantFacts:
-    """The facts about a plant. The settings for training must agree with these facts. An unknown fact is None.
-
-    Attributes:
-        control_period: time between two samples, in t_c = W / U_inf.
-        action_limit: bound on the action's magnitude, in U_inf W.
-        reynolds: Reynolds number U_inf W / nu.
-
-    Raises DatasetError for a number that is not positive and finite.
-    """
+    """The facts about a plant. The settings for training must agree with these facts. An unknown fact is None. The
+    period is in t_c = W / U_inf, the bound on the action's magnitude in U_inf W; the Reynolds number is U_inf W / nu.
+    Raises DatasetError for a number that is not positive and finite."""
 
     control_period: float | None = None
     action_limit: float | None = None
@@ -59,43 +72,12 @@ def facts_in(provenance: Mapping[str, Any]) -> PlantFacts:
     return PlantFacts(**{name: float(value) for name, value in numbers.items() if not isinstance(value, bool)})
 
 
-Role = Literal["train", "test", "extended", "controlled", "calm"]
-"""Use of an episode. The model is fitted to "train" episodes and tested on "test" episodes. "extended" episodes have
-forcing beyond the training range, "controlled" episodes have a controller, "calm" episodes begin at the steady wake."""
-ROLES: Final[tuple[Role, ...]] = get_args(Role)
-
-UNITS: Final[Mapping[str, str]] = {
-    "t": "W/U_inf",
-    "action": "U_inf W",
-    "Cp": "1",
-    "Cd": "1",
-    "Cl": "1",
-    "Cd_slot_pressure": "1",
-    "Cd_slot_viscous": "1",
-    "Cd_momentum": "1",
-    "jet_power": "rho U_inf^3 W / 2",
-    "Uy_probe": "U_inf",
-}
-"""Unit of every series that an episode may have. A series has a row per control step; Cp has a column per sensor."""
-
-REQUIRED: Final = ("t", "action", "Cp", "Cd", "Cl")
-"""Series that training and export read. The other series exist only if the plant provides them."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Episode:
-    """An uninterrupted recording of n control steps.
-
-    Attributes:
-        name: name of the episode, unique within the data set.
-        role: use of the episode in training and tests.
-        series: arrays of `REQUIRED` and, if recorded, of the other names in `UNITS`; Cp is (n, sensors), all others
-            (n,).
-        initial_action: action a_{-1} of the jets before the first sample.
-        provenance: forcing parameters, seed, solver settings, software versions.
-
-    Raises DatasetError for an invalid part; the message states episode and field.
-    """
+    """An uninterrupted recording of n control steps, with a name that is unique within the data set. `series` has the
+    arrays of `REQUIRED` and, if recorded, of the other names in `UNITS`; Cp is (n, sensors), all others (n,).
+    `initial_action` is the action a_{-1} of the jets before the first sample. `provenance` has forcing parameters,
+    seed, solver settings and software versions. Raises DatasetError with episode and field of an invalid part."""
 
     name: str
     role: Role
@@ -116,8 +98,7 @@ class Episode:
         return np.concatenate([[self.initial_action], self.series["action"][:-1]])
 
     def rows(self, columns: Index, sign: float = 1.0) -> Array:
-        """Return rows (Cp_k, a_{k-1}) of S sensors at the n samples, (n, S+1). `sign` multiplies the action; it is -1
-        for a mirror image."""
+        """Return rows (Cp_k, a_{k-1}), (n, S+1). `sign` multiplies the action; it is -1 for a mirror image."""
         return np.column_stack([self.series["Cp"][:, columns], sign * self.previous_action])
 
     @property

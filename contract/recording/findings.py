@@ -20,8 +20,7 @@ STEP_TOLERANCE: Final = 0.05
 """Largest deviation of a time step from the control period, as a share of the period. A clock error of a twentieth of a
 period distorts the recorded ramp of the jets less than the finite resolution of the release's four pressures does."""
 CLOCK_TOLERANCE: Final = 1e-3
-"""Largest deviation of the mean time step from the control period, as a share of the period. Over a horizon of 25
-steps, the model's clock is then wrong by a fortieth of a step."""
+"""Largest deviation of the mean time step, as a share of the period: over 25 steps, a fortieth of a step."""
 LIMIT_TOLERANCE: Final = 1e-6
 """Largest excess of an action over the limit that rounding in a text file can cause, as a share of the limit."""
 QUIET: Final = 0.05
@@ -31,8 +30,7 @@ _SPAN: Final = (0.05, 50.0)
 _USED: Final = 0.25
 """Smallest plausible ratio of the largest training action to the limit. With a wrong unit, the ratio is far smaller."""
 _FREQUENCY: Final = (0.02, 2.0)
-"""Smallest and largest plausible frequency of the peak of Cl's spectrum, in U_inf / W, with a wide margin. If times are
-in seconds, the peak is mostly outside this range."""
+"""Plausible frequencies of the peak of Cl's spectrum, in U_inf / W. With times in s, the peak is mostly outside."""
 _NARROW: Final = 0.1
 """Relative width of a frequency band that counts as one frequency."""
 _POOR: Final = 0.9
@@ -47,8 +45,7 @@ _SAME: Final = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """A problem or a warning about a data set. `text` is one line that states the place and a remedy. `stops` is the
-    work that a problem prevents, or None for a warning."""
+    """A line about a data set, with place and remedy. `stops` is the work that it prevents, or None for a warning."""
 
     stops: Literal["training", "export"] | None
     text: str
@@ -58,15 +55,13 @@ def findings(dataset: Dataset, config: Config, *, choosing: bool = True) -> tupl
     """List all findings under the given settings; findings that prevent training come first. `choosing` states whether
     training chooses the sensors according to `config.train`; it is False if the caller names the sensors."""
     stopping = [
-        *_disagreements(dataset, config),
-        *_missing_roles(dataset),
+        *_unfit(dataset, config),
         *(text for episode in dataset.episodes for text in _of_episode(episode, dataset, config)),
     ]
     later = [*_constants(dataset, config), *(_selection(dataset, config) if choosing else ())]
     found = [
         *(Finding(stops="training", text=text) for text in stopping),
-        *_lengths(dataset, config),
-        *(Finding(stops="export", text=text) for text in _compute_time(config)),
+        *_too_short(dataset, config),
         *(Finding(stops="training", text=text) for text in later),
         *(Finding(stops=None, text=text) for text in _hints(dataset, config)),
     ]
@@ -109,7 +104,7 @@ def left_out(dataset: Dataset, config: Config) -> tuple[str, ...]:
     )
 
 
-def _disagreements(dataset: Dataset, config: Config) -> Iterator[str]:
+def _unfit(dataset: Dataset, config: Config) -> Iterator[str]:
     for name, value in dataset.plant.known.items():
         setting = getattr(config.flow, name)
         if abs(value - setting) > _SAME * abs(value):
@@ -118,9 +113,6 @@ def _disagreements(dataset: Dataset, config: Config) -> Iterator[str]:
                 f"use --set flow.{name}={value!r}, or --set SETTINGS.toml, the output of `stillwake dataset "
                 f"inspect FILE --settings`"
             )
-
-
-def _missing_roles(dataset: Dataset) -> Iterator[str]:
     for role, use in (("train", "to fit the model to"), ("test", "to judge the model on")):
         if not _of_role(dataset, role):
             remedy = f"import an episode with {role}=FILE; a long file can be cut in two"
@@ -165,7 +157,7 @@ def clock_problem(t: Array, period: float) -> str | None:
     return f"t rises by {steps[k]:.6g} from step {k} to {k + 1}, must rise by the control period of {period:g}"
 
 
-def _lengths(dataset: Dataset, config: Config) -> Iterator[Finding]:
+def _too_short(dataset: Dataset, config: Config) -> Iterator[Finding]:
     training, tests, kept = _of_role(dataset, "train"), _of_role(dataset, "test"), trainable(dataset, config)
     for line in left_out(dataset, config):
         yield Finding(stops=None if kept else "training", text=line if kept else line.removesuffix("; it is left out"))
@@ -186,15 +178,10 @@ def _lengths(dataset: Dataset, config: Config) -> Iterator[Finding]:
             role = "training" if longest.role == "train" else "test"
             text = f"{role} episodes are too short, the longest is {longest.name} with {len(longest)} steps"
             yield Finding(stops=stops, text=f"{text}: {_needed(need)}")
-
-
-def _compute_time(config: Config) -> Iterator[str]:
-    period_ms = config.period_ns / 1e6
-    if config.ecu.compute_time_ms > period_ms:
-        yield (
-            f"ecu.compute_time_ms = {config.ecu.compute_time_ms:g}: must be within the control period, which is "
-            f"{period_ms:g} ms at this operating_point"
-        )
+    compute_ms, period_ms = config.ecu.compute_time_ms, config.period_ns / 1e6
+    if compute_ms > period_ms:
+        text = f"must be within the control period, which is {period_ms:g} ms at this operating_point"
+        yield Finding(stops="export", text=f"ecu.compute_time_ms = {compute_ms:g}: {text}")
 
 
 def _needed(need: Need) -> str:
@@ -278,7 +265,6 @@ def asymmetry(dataset: Dataset) -> Iterator[str]:
 
 
 def _forcing(dataset: Dataset) -> Iterator[str]:
-    """Report if the jets are forced with the same single frequency in all training episodes."""
     period = dataset.plant.control_period
     if period is None:
         return
@@ -301,7 +287,6 @@ def _forcing(dataset: Dataset) -> Iterator[str]:
 
 
 def _units(dataset: Dataset) -> Iterator[str]:
-    """Report numbers that suggest a wrong unit: millimetres, seconds, or different units of limit and actions."""
     positions = dataset.layout.positions
     span = float(np.ptp(positions, axis=0).max())
     if len(positions) > 1 and not _SPAN[0] <= span <= _SPAN[1]:

@@ -10,20 +10,15 @@ from contract.config.tree import Config
 
 HORIZONS: Final = (5, 10, 25)
 """Numbers of steps ahead at which open-loop prediction is tested. The horizon and the truck's cycle are 25 steps."""
-
 STRETCH: Final = 64
 """Number of consecutive latent states that the distillation uses from one pass of the LSTM over a sequence of rows."""
-
 GATE_WINDOWS: Final = 50
 """Number of consecutive recorded windows with which the export checks a controller."""
-
 CALIBRATION_WINDOWS: Final = 400
 """Number of recorded windows with which int8 rounding is calibrated, in total over all kinds of forcing."""
-
 LEAST_CALIBRATION: Final = 50
 """Smallest number of windows with which int8 rounding is calibrated: two shedding cycles of the truck. With fewer
 windows, the measured ranges of the activations may be too small, so that values on the vehicle saturate."""
-
 WINDOW_STEP: Final = 8
 """The window must be a multiple of this number of steps, so that the ECU in C can check the sensors."""
 

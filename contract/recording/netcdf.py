@@ -23,13 +23,10 @@ LONG_NAMES: Final = {
 
 
 def write_netcdf(path: Path, episode: Episode, layout: SensorLayout) -> None:
-    """Write an episode as classic netCDF, completely or not at all.
-
-    The dimensions are `t` and `sensor`; `sensor_name`, `x` and `y` are coordinates of the sensors. All numbers are
-    dimensionless, as CF's unit "1" states; `long_name` states the reference quantity. Measured series are the 16-bit
-    integers of a data set, with `scale_factor`. `dataset import` reads the file. Raises DatasetError as `dataset.write`
-    does.
-    """
+    """Write an episode as classic netCDF, completely or not at all. The dimensions are `t` and `sensor`; `sensor_name`,
+    `x` and `y` are coordinates of the sensors. All numbers are dimensionless, as CF's unit "1" states; `long_name`
+    states the reference quantity. Measured series are the 16-bit integers of a data set, with `scale_factor`.
+    `dataset import` reads the file. Raises DatasetError as `dataset.write` does."""
     from scipy.io import netcdf_file
 
     with replacing(path) as temporary, netcdf_file(temporary, "w") as file:
@@ -54,10 +51,8 @@ def write_netcdf(path: Path, episode: Episode, layout: SensorLayout) -> None:
             if name in episode.series:
                 series, quantum = packed(episode, name)
                 reference = "" if unit == "1" else f" in {unit}"
-                facts: dict[str, Any] = {"units": "1", "long_name": f"{LONG_NAMES[name]}{reference}"}
+                facts: dict[str, Any] = {"coordinates": "sensor_name x y"} if name == "Cp" else {}
+                facts |= {"units": "1", "long_name": f"{LONG_NAMES[name]}{reference}"}
                 facts |= {"axis": "T"} if name == "t" else {}
                 facts |= {} if quantum is None else {"scale_factor": quantum, "_FillValue": FILL}
-                if name == "Cp":
-                    put(name, series, "t", "sensor", coordinates="sensor_name x y", **facts)
-                else:
-                    put(name, series, "t", **facts)
+                put(name, series, *("t", "sensor")[: series.ndim], **facts)

@@ -14,13 +14,8 @@ _SAME = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FoamTable:
-    """A table of OpenFOAM with n rows.
-
-    Attributes:
-        header: comment lines, without #.
-        rows: time and values of each row, (n, columns); brackets of vectors are ignored.
-        files: files with the table's rows, in order.
-    """
+    """A table of OpenFOAM. `header` has the comment lines, without #. `rows` (n, columns) has the time and the values
+    of each row; brackets of vectors are ignored. `files` are the files with these rows, in order."""
 
     header: tuple[str, ...]
     rows: Array
@@ -28,10 +23,10 @@ class FoamTable:
 
 
 def read_foam_table(folder: Path, file: str, *, cut_off: bool = False) -> FoamTable | None:
-    """Read the table whose file name matches the regular expression `file` in a function object's folder. The folder
-    has a subfolder for every start of the case. The rows of a start replace all rows of earlier starts from the time at
-    which this start begins. With `cut_off`, an incomplete last line, as in a running case, is ignored. Return None if
-    there is no such file. Raises OSError, or ValueError that states file and line."""
+    """Read the table whose file name matches the regular expression `file` in a function object's folder; None if there
+    is no such file. The folder has a subfolder for every start of the case. From the time of a start on, its rows
+    replace the rows of earlier starts. With `cut_off`, an incomplete last line, as in a running case, is ignored.
+    Raises OSError, or ValueError that states file and line."""
     starts = sorted((start, len(path.name), path) for path, start in _starts(folder, file))
     header: tuple[str, ...] = ()
     rows: list[Array] = []

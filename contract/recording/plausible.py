@@ -10,6 +10,46 @@ import numpy as np
 from contract.arrays import Array, Mask, runs
 from contract.recording.dataset import Dataset, Episode
 
+_HIGHEST: Final = 1.1
+"""Highest plausible mean Cp: 1, the stagnation pressure of a steady stream, plus 0.1 for errors of p_inf and U_inf."""
+_LOWEST: Final = -5.0
+"""Lowest plausible mean Cp, at a leading edge or a rotating cylinder. Only means below -5.5 are reported."""
+_SWINGS: Final = (-6.0, 1.25)
+"""Bounds of Cp; at most one row in twenty may be beyond either. Noise of 15 % at a stagnation point stays within."""
+_MOMENT: Final = 20.0
+"""Largest plausible |Cp| in a single row. Conical vortices on roofs reach 15 for a short time."""
+_FORCE: Final = 5.0
+"""Largest plausible mean Cd, and largest plausible standard deviation of Cl. A plate across the stream has a Cd of 2,
+and of 4 in a narrow tunnel; only creeping flow has a larger Cd. Cylinders that oscillate with their wake reach 3."""
+_DRAG: Final = 0.02
+"""Smallest plausible mean Cd, based on the width across the stream; slender sections have 0.04."""
+_FLAT: Final = 0.01
+"""Smallest plausible root mean square of all Cp. It is 0.1 at the base of a slender body."""
+_SCALE: Final = 3.0
+"""Largest plausible ratio of mean Cd or rms Cp between files. Control rarely removes more than half of the drag."""
+_SCALE_OF_LIFT: Final = 10.0
+"""Largest plausible factor between the ratios std Cl / std Cp of two files. Cl and Cp vary together with the wake."""
+_FAR: Final = (4.0, 10.0)
+"""Smallest distances at which a repeated extreme value, such as -99, 99.99 or -9.99, is taken for a missing reading:
+from the nearest other value, and from the median of the other values, in interquartile ranges of these values."""
+_STILL: Final = 20
+"""Number of rows after which a constant sensor may be stuck if the other sensors change: most of a shedding cycle."""
+_STEPS: Final = 4.0
+"""A constant sensor is stuck if, as the other sensors vary, it should have changed by more than so many resolutions."""
+_FINEST: Final = 2.0**-12
+"""Smallest resolution that is assumed for a series: twice the quantum with which a data set stores Cp."""
+_CLIPPED: Final = 0.03
+"""Share of rows at a sensor's extreme value, in runs of three rows or more, above which the sensor may be saturated."""
+_SHOWN: Final = 3
+"""Number of episodes or sensors that a line lists before it counts the rest. Up to six sensors are all listed."""
+_CELLS: Final = 256
+"""Cells per standard deviation of a column. Values in one cell count as equal, values within 16 cells as similar."""
+_ALIKE: Final = (10, 0.25)
+"""Two files are reported if at least this number of rows, and half of the rows from the first of them to the last, are
+equal in the same order, or if more than this share of the shorter file's rows are equal in any order."""
+_Note = tuple[str, str]
+"""A note: the observation in an episode, and its cause with the remedy."""
+
 
 def dominant_frequency(values: Array, period: float) -> float | None:
     """Return the frequency of the largest peak in a series' spectrum with a Hann window. The resolution is an eighth of
@@ -30,53 +70,6 @@ def share_near(values: Array, period: float, frequency: float, width: float) -> 
     bins = np.fft.rfftfreq(len(values), period)
     near = np.abs(bins - frequency) <= max(width * frequency, 2.0 / (len(values) * period))
     return float(power[near].sum() / power.sum())
-
-
-_HIGHEST: Final = 1.1
-"""Highest plausible mean Cp: 1, the stagnation pressure of a steady stream, plus 0.1 for errors of p_inf and U_inf."""
-_LOWEST: Final = -5.0
-"""Lowest plausible mean Cp, at a leading edge or a rotating cylinder. Only means below -5.5 are reported."""
-_SWINGS: Final = (-6.0, 1.25)
-"""Lower and upper bound of Cp; at most one row in twenty may be beyond either bound. Gusts and noise of 15 % at a
-stagnation point stay within the bounds."""
-_MOMENT: Final = 20.0
-"""Largest plausible |Cp| in a single row. Conical vortices on roofs reach 15 for a short time."""
-_FORCE: Final = 5.0
-"""Largest plausible mean Cd, and largest plausible standard deviation of Cl. A plate across the stream has a Cd of 2,
-and of 4 in a narrow tunnel; only creeping flow, which has no wake, has a larger Cd. Cylinders that oscillate with their
-wake have a Cl of 3."""
-_DRAG: Final = 0.02
-"""Smallest plausible mean Cd, based on the width across the stream; slender sections have 0.04."""
-_FLAT: Final = 0.01
-"""Smallest plausible root mean square of all Cp. It is 0.1 at the base of a slender body."""
-_SCALE: Final = 3.0
-"""Largest plausible ratio of mean Cd or rms Cp between files. Control rarely removes more than half of the drag."""
-_SCALE_OF_LIFT: Final = 10.0
-"""Largest plausible factor between the ratios std Cl / std Cp of two files. Cl and Cp vary together with the wake."""
-_FAR: Final = (4.0, 10.0)
-"""Smallest distances at which a repeated extreme value, such as -99, 99.99 or -9.99, is taken for a missing reading.
-The first number is the distance from the nearest other value. The second number is the distance from the median of the
-other values, in interquartile ranges of these values."""
-_STILL: Final = 20
-"""Number of rows after which a constant sensor may be stuck if the other sensors change: most of a shedding cycle."""
-_STEPS: Final = 4.0
-"""A constant sensor is stuck if it should have changed by more than this number of steps of its resolution. The
-expected change follows from the variation of the other sensors."""
-_FINEST: Final = 2.0**-12
-"""Smallest resolution that is assumed for a series: twice the quantum with which a data set stores Cp."""
-_CLIPPED: Final = 0.03
-"""Share of rows at a sensor's extreme value, in runs of three rows or more, above which the sensor may be saturated."""
-_SHOWN: Final = 3
-"""Number of episodes or sensors that a line lists before it counts the rest. Up to six sensors are all listed."""
-_CELLS: Final = 256
-"""Number of cells into which one standard deviation of a column is divided. Values in one cell count as equal; values
-within 16 cells count as similar."""
-_ALIKE: Final = (10, 0.25)
-"""Two files are reported if at least this number of rows, and half of the rows from the first of them to the last, are
-equal in the same order, or if more than this share of the shorter file's rows are equal in any order."""
-
-_Note = tuple[str, str]
-"""A note: the observation in an episode, and its cause with the remedy."""
 
 
 def implausible(dataset: Dataset) -> Iterator[str]:
@@ -272,7 +265,6 @@ def _activity(table: Array, k: int, spread: Array, action: Array, all_actions: A
 
 
 def _scales(episodes: Sequence[Episode], tables: Sequence[Array]) -> Iterator[str]:
-    """Report a file if its numbers differ from another file's numbers by a factor that suggests another unit."""
     if len([table for table in tables if len(table) > 1]) < len(tables):
         return
     deviation = np.array([np.sqrt(table[:, :-2].var(axis=0).mean()) for table in tables])

@@ -12,8 +12,6 @@ from contract.recording.findings import QUIET
 from contract.recording.needs import WINDOW_STEP, window_for_c
 from contract.recording.plausible import dominant_frequency, longest_run
 
-HORIZON_CYCLES: Final = 1.0
-"""Length of the MPC's horizon, in shedding cycles (paper, section 2.4)."""
 WINDOW_CYCLES: Final = 1.28
 """Length of the encoder's window, in shedding cycles: the paper's 32 steps at 25 steps per cycle."""
 _PRACTICAL: Final = (10, 60)
@@ -64,12 +62,10 @@ def _settings_lines(dataset: Dataset) -> Iterator[str]:
     yield "[mpc]"
     yield f"drag_reference = {float(drag.mean()):.6g}  # mean Cd, {where}"
     if practical and cycle is not None:
-        yield f"horizon = {round(HORIZON_CYCLES * cycle)}  # one cycle"
-        yield ""
-        yield "[model]"
+        yield f"horizon = {cycle}  # one cycle"
+        yield "\n[model]"
         whole = f"to a multiple of {WINDOW_STEP}, which the ECU in C accepts"
         yield f"window = {window_for_c(WINDOW_CYCLES * cycle)}  # {WINDOW_CYCLES} cycles, {whole}"
     if len(dataset.layout) < 4:
-        yield ""
-        yield "[train]"
+        yield "\n[train]"
         yield f"sensors = {len(dataset.layout)}  # all sensors"

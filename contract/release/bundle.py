@@ -8,7 +8,7 @@ manifest's bytes (`contract.release.signing`). So the signature also protects th
 each pressure from the other pressures for the ECU's sensor check (`contract.controller.estimator`).
 """
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -35,8 +35,7 @@ class MadeEstimator:
 
 
 def pack(manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateKey | None = None) -> dict[str, bytes]:
-    """Return all files of the bundle. They include the manifest with all hashes and, if a key is given, the signature.
-    Raises BundleFileError for a file name that is a path or is reserved."""
+    """Return all files of the bundle, with manifest and signature. Raises BundleFileError for an invalid file name."""
     for name in contents:
         if name in (MANIFEST, SIGNATURE) or not is_plain_name(name):
             raise BundleFileError(f"bundle file {name!r}: must be a plain file name other than {MANIFEST}, {SIGNATURE}")
@@ -102,12 +101,10 @@ def renew(
 
     The old bundle may be for another DBC, but must pass all other checks. The controller is copied unchanged, because
     its inputs and outputs are Cp and flow rates in U_inf W, and do not depend on frames, Pa or m/s. The control period
-    in s and the budget follow from the operating point. The new provenance has the old manifest's hash. Raises
-    BundleError as `load` does, and for a bad name or a target that is neither empty nor a bundle; StillwakeError if
-    writing fails.
+    in s and the budget follow from the operating point. Raises BundleError as `load` does, and for a bad name or a
+    target that is neither empty nor a bundle; StillwakeError if writing fails.
 
     Args:
-        created: day of the new bundle, YYYY-MM-DD.
         trusted: the key that must have signed the old bundle, as in `load`.
         operating_point: new width, speed or density, by name; other values come from the old bundle.
         weights: new weights of the cost, by name; other weights come from the old bundle.
@@ -125,8 +122,12 @@ def renew(
         manifest = replace(manifest, operating_point=point, budget_ms=point.period_ns(manifest.control_period) / 1e6)
     if weights:
         manifest = replace(manifest, mpc=replace(manifest.mpc, weights=replace(manifest.mpc.weights, **weights)))
-    served = None if speeds is None else _within(speeds, manifest.speeds)
-    changed: dict[str, Any] = {"security_version": security_version, "hardware": hardware, "speeds": served}
+    if speeds is not None:
+        served = manifest.speeds
+        if served is None or not served.slowest <= speeds.slowest <= speeds.fastest <= served.fastest:
+            whole = "no range of speeds" if served is None else f"{served.slowest:g}:{served.fastest:g}"
+            raise BundleError(f"speeds {speeds.slowest:g}:{speeds.fastest:g}: the old bundle serves {whole}")
+    changed: dict[str, Any] = {"security_version": security_version, "hardware": hardware, "speeds": speeds}
     manifest = replace(manifest, **{name: value for name, value in changed.items() if value is not None})
     if estimator is not None:
         manifest = with_estimator(manifest, contents, estimator)
@@ -136,28 +137,12 @@ def renew(
     return load(target, signing.public_key(key))
 
 
-def _within(speeds: SpeedRange, old: SpeedRange | None) -> SpeedRange:
-    if old is None or not old.slowest <= speeds.slowest <= speeds.fastest <= old.fastest:
-        whole = "no range of speeds" if old is None else f"{old.slowest:g}:{old.fastest:g}"
-        raise BundleError(f"speeds {speeds.slowest:g}:{speeds.fastest:g}: the old bundle serves {whole}")
-    return speeds
-
-
 def load(path: Path, trusted: PublicKey | None = None, *, any_dbc: bool = False) -> Bundle:
-    """Read and verify a bundle directory. Raises BundleError if a file is missing, added, altered, of another schema or
-    not signed as required. The message states the file; each kind of fault has a separate subclass of the error.
-
-    Args:
-        trusted: the key that must have signed the bundle. If it is None, an unsigned bundle passes. A bundle with a
-            valid signature by any key also passes; `Bundle.signer` is this key.
-        any_dbc: also read a bundle for another version's DBC.
-    """
+    """Read and verify a bundle directory, which the trusted key must have signed. If no key is given, an unsigned
+    bundle passes, as does a bundle with a valid signature by any key (`Bundle.signer`). `any_dbc` also reads a bundle
+    for another version's DBC. Raises BundleError if a file is missing, added, altered, of another schema or not signed
+    as required. The message states the file; each kind of fault has a separate subclass of the error."""
     return read_checked(path, read_files(path), trusted, any_dbc=any_dbc)
-
-
-def verified(name: str, contents: Mapping[str, bytes], trusted: Collection[PublicKey]) -> Bundle:
-    """Verify the files of a bundle in memory, as `load` does. A key in `trusted` must have signed the bundle."""
-    return read_checked(Path(name), contents, frozenset(trusted))
 
 
 def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:

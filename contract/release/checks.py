@@ -35,7 +35,6 @@ FORBIDDEN: Final = {
     b"ai.onnx.": "an operator is not of ONNX's default domain: must be of this domain",
 }
 """Texts that no valid graph contains, and their meanings. A tensor in another file has the key `location`."""
-
 _T = TypeVar("_T")
 Trusted = PublicKey | frozenset[PublicKey] | None
 """The trusted keys. One of these keys must have signed the bundle; None if no signature is required."""
@@ -43,14 +42,9 @@ Trusted = PublicKey | frozenset[PublicKey] | None
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bundle:
-    """A verified bundle.
-
-    Attributes:
-        files: all files except manifest and signature.
-        digest: SHA-256 of the manifest; it does not depend on the signature. Its first 4 bytes are sent on the bus.
-        signer: key of a valid signature of the manifest; None if the bundle is unsigned.
-        is_trusted: whether a trusted key was required when the bundle was loaded.
-    """
+    """A verified bundle. `files` has all files except manifest and signature. `digest` is the SHA-256 of the manifest,
+    which does not depend on the signature; its first 4 bytes are sent on the bus. `signer` is the key of a valid
+    signature; None if the bundle is unsigned. `is_trusted` states whether a trusted key was required for loading."""
 
     manifest: Manifest
     files: Mapping[str, bytes]
@@ -97,8 +91,7 @@ def dbc_sha256() -> str:
 
 @dataclass(kw_only=True)
 class Made:
-    """The checks made while a bundle is read. Without `lists`, the first failure ends the reading. With `lists`, the
-    checks that do not depend on a failed check are also made."""
+    """The checks made while a bundle is read. With `lists`, the reading continues after a failed check if possible."""
 
     lists: bool = False
     checks: list[Check] = field(default_factory=list)
@@ -113,8 +106,7 @@ class Made:
             return None
 
     def need(self, name: str, make: Callable[[], _T], in_words: Callable[[_T], str] | None) -> _T:
-        """Compute a value that later checks need. An error ends the reading. A success is listed only if `in_words` is
-        given."""
+        """Compute a value that later checks need. An error ends the reading. Success needs `in_words` to be listed."""
         try:
             value = make()
         except BundleError as error:
@@ -133,8 +125,7 @@ def read_checked(
     *,
     any_dbc: bool = False,
 ) -> Bundle:
-    """Check a bundle's files and return the bundle. Raises BundleError for the first check that fails. If `made` lists
-    the checks, reading continues after a failed check if possible."""
+    """Check a bundle's files and return the bundle. Raises BundleError for a check that fails (see `Made`)."""
     made = Made() if made is None else made
     raw, signature, parts = made.need(MANIFEST, lambda: _taken_apart(path, contents), None)
 
@@ -150,7 +141,7 @@ def read_checked(
         made.check("DBC", lambda: _verify_dbc(path, opened.dbc))
     manifest = made.need("content", lambda: parse(path, opened), lambda manifest: manifest.name)
     if CONTROLLER in sound:
-        made.check("graph", lambda: _verify_graph(path, CONTROLLER, parts[CONTROLLER]))
+        made.check("graph", lambda: check_graph(path, CONTROLLER, parts[CONTROLLER]))
     is_stated = manifest.sensor_estimator is not None
     if ESTIMATOR in sound or (is_stated and ESTIMATOR not in names):
         made.check("sensor graph", lambda: _verify_estimator(path, parts, is_stated=is_stated))
@@ -205,20 +196,14 @@ def _verify_dbc(path: Path, dbc: object) -> str:
     return dbc_sha256()
 
 
-def check_graph(content: bytes) -> None:
-    """Raise ValueError for a graph that is too large, refers to other files, or has operators that ONNX lacks."""
+def check_graph(path: Path, name: str, content: bytes) -> str:
+    """Check the graph in a bundle's file and return the finding. Raises BundleControllerError for a graph that is too
+    large, refers to other files, or has operators that ONNX lacks."""
+    wrong = [wording for text, wording in FORBIDDEN.items() if text in content]
     if len(content) > MAX_GRAPH_BYTES:
-        raise ValueError(f"it has {len(content)} bytes: must have at most {MAX_GRAPH_BYTES}")
-    for text, wording in FORBIDDEN.items():
-        if text in content:
-            raise ValueError(wording)
-
-
-def _verify_graph(path: Path, name: str, content: bytes) -> str:
-    try:
-        check_graph(content)
-    except ValueError as error:
-        raise errors.BundleControllerError(f"bundle {path}: {name}: {error}") from error
+        wrong = [f"it has {len(content)} bytes: must have at most {MAX_GRAPH_BYTES}"]
+    if wrong:
+        raise errors.BundleControllerError(f"bundle {path}: {name}: {wrong[0]}")
     return f"{len(content)} bytes, with all constants and only ONNX's operators"
 
 
@@ -228,4 +213,4 @@ def _verify_estimator(path: Path, contents: Mapping[str, bytes], *, is_stated: b
         raise errors.BundleFileError(f"bundle {path}: {ESTIMATOR}: {MANIFEST} does not mention it (sensor_estimator)")
     if content is None:
         raise errors.BundleFileError(f"bundle {path}: {ESTIMATOR} is missing: {MANIFEST} has a sensor_estimator")
-    return _verify_graph(path, ESTIMATOR, content)
+    return check_graph(path, ESTIMATOR, content)

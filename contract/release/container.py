@@ -31,8 +31,6 @@ MAX_BYTES: Final = 32 * 2**20
 """Largest size of all files together, in bytes: enough for nearly two hundred controllers of the paper's size."""
 MAX_BYTES_OF: Final = {"manifest.json": 2**20, "manifest.sig": 2**12}
 """Largest sizes, in bytes, of the first files of an image, which are read before the signature is verified."""
-
-_CHUNK: Final = 2**20
 _MAGIC: Final = b"SWIMAGE1"
 _HEADER: Final = struct.Struct(">8sII")
 _ENTRY: Final = struct.Struct(">HI")
@@ -113,7 +111,7 @@ def _open_plain(path: Path, name: str) -> IO[bytes]:
 def _read_at_most(file: IO[bytes], most: int) -> bytes:
     """Read up to `most` bytes in pieces, because a sparse file can state a size that exceeds the memory."""
     pieces: list[bytes] = []
-    while most > 0 and (piece := file.read(min(most, _CHUNK))):
+    while most > 0 and (piece := file.read(min(most, 2**20))):
         pieces.append(piece)
         most -= len(piece)
     return pieces[0] if len(pieces) == 1 else b"".join(pieces)
@@ -140,7 +138,7 @@ def files_of(image: bytes) -> dict[str, bytes]:
         raise BundleContainerError(f"the image has {len(image)} bytes, but states a length of {length}")
     if count > MAX_FILES:
         raise BundleContainerError(f"the image has {count} files: must have at most {MAX_FILES}")
-    names, sizes, at = [], [], _HEADER.size
+    sizes, at = dict[str, int](), _HEADER.size
     for _ in range(count):
         if at + _ENTRY.size > length:
             raise BundleContainerError("image ends within its list of files")
@@ -150,15 +148,14 @@ def files_of(image: bytes) -> dict[str, bytes]:
             name = image[at : at + name_length].decode()
         except UnicodeDecodeError as error:
             raise BundleContainerError("image: a file's name is not UTF-8") from error
-        if len(name.encode()) != name_length or not is_plain_name(name) or name in names:
+        if len(name.encode()) != name_length or not is_plain_name(name) or name in sizes:
             raise BundleContainerError(f"image: {quoted(name)} must be a plain file name, and must occur once")
-        names.append(name)
-        sizes.append(size)
+        sizes[name] = size
         at += name_length
-    if at + sum(sizes) != length:
-        raise BundleContainerError(f"the image has {length} bytes, but its files end at {at + sum(sizes)}")
+    if (end := at + sum(sizes.values())) != length:
+        raise BundleContainerError(f"the image has {length} bytes, but its files end at {end}")
     found = {}
-    for name, size in zip(names, sizes, strict=True):
+    for name, size in sizes.items():
         found[name] = image[at : at + size]
         at += size
     return found

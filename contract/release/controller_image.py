@@ -39,12 +39,9 @@ from contract.release.signing import PublicKey
 
 SUFFIX: Final = ".swi"
 HEADER_BYTES: Final = 512
-"""Size of the header, in bytes."""
 VEHICLE: Final = slice(148, 192)
-"""The part of the header that an ECU compares with its vehicle settings: control period, operating point, action limit,
-number of sensors."""
+"""The part of the header that an ECU compares with its vehicle settings: control period to number of sensors."""
 _MAX_NAME: Final = 64
-"""Largest size of a name, in bytes."""
 _MAGIC: Final = b"SWCTRL01"
 _FACTS: Final = struct.Struct("<8sII32s32s32s32sI44s64s64s96s")
 _VEHICLE: Final = struct.Struct("<Q3ddI")
@@ -97,10 +94,6 @@ class ControllerImage:
     def security_version(self) -> int:
         return self.facts.security_version
 
-    @property
-    def vehicle(self) -> bytes:
-        return self.facts.vehicle
-
 
 def seal(payload: bytes, facts: ImageFacts, key: Ed25519PrivateKey | None) -> bytes:
     """Build the image of a payload, and sign it if a key is given. Raises BundleContainerError for a bad name."""
@@ -126,8 +119,7 @@ def seal(payload: bytes, facts: ImageFacts, key: Ed25519PrivateKey | None) -> by
 
 def signer_of(image: bytes) -> PublicKey | None:
     """Verify an image's signature and return the signer's key; None if the image is unsigned. Nothing else is checked.
-    Raises BundleContainerError if the bytes are no complete image, and BundleSignatureError if the signature was not
-    made with the key in the image."""
+    Raises BundleContainerError for bytes that are no complete image, BundleSignatureError for a bad signature."""
     if len(image) < HEADER_BYTES:
         raise BundleContainerError(f"the image has {len(image)} bytes: must have {HEADER_BYTES} or more")
     magic, length, header = struct.unpack_from("<8sII", image)

@@ -1,5 +1,4 @@
-"""A comparison of two bundles (signer, manifest, files) or two controller images (header, layout, arrays), and a
-description of an image."""
+"""A comparison of two bundles (signer, manifest, files) or two controller images (header, layout, arrays)."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -29,8 +28,7 @@ def is_image(path: Path) -> bool:
 
 def opened(path: Path, trusted: PublicKey | None = None) -> ControllerImage:
     """Read and check the image in a file. Raises BundleContainerError if the file cannot be read, is damaged, is no
-    image, or is an image that no ECU accepts; BundleSignatureError for a bad signature; BundleSignerError if the
-    trusted key did not sign the image."""
+    image, or is an image that no ECU accepts; BundleSignatureError or BundleSignerError for a wrong signature."""
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise BundleContainerError(f"{path}: has more than {_MAX_BYTES} bytes")
@@ -66,7 +64,6 @@ def described(image: ControllerImage) -> dict[str, str]:
 
 
 def _of_image(image: ControllerImage) -> dict[str, str]:
-    """Return all comparable parts of an image by name: facts, settings of the layout, and arrays."""
     layout = layout_in(image.payload, image.facts.layout)
     arrays = {
         f"array {name}": " ".join(map(str, values.ravel().tolist()))
@@ -97,7 +94,6 @@ def differences(a: Path, b: Path) -> list[Difference]:
 
 
 def _facts(path: Path) -> dict[str, Any]:
-    """Return the values that are compared, by name, in display order."""
     if is_image(path):
         return {**_of_image(opened(path))}
     bundle = bundles.load(path, any_dbc=True)

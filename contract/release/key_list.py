@@ -40,14 +40,7 @@ _SIGNATURE: Final = 64
 
 @dataclass(frozen=True, kw_only=True)
 class KeyList:
-    """The keys that may sign releases. Raises KeyFileError for an invalid version, number of keys or key.
-
-    Attributes:
-        version: version of the list; an ECU replaces its list only by a list with a greater version.
-        keys: keys that may sign releases.
-        revoked: keys that may no longer sign releases. This entry is only for people, because no key outside `keys` may
-            sign.
-    """
+    """The keys that may sign releases; `revoked` is only for people. Raises KeyFileError for an invalid part."""
 
     version: int
     keys: frozenset[PublicKey]
@@ -104,8 +97,8 @@ def decode(raw: bytes, root: PublicKey) -> KeyList:
         sizes = f"{allowed} + {revoked} keys in {len(body)} bytes; reserved bytes: {reserved}"
         raise KeyFileError(f"key list is damaged ({sizes})")
     keys = [body[at : at + _KEY] for at in range(0, len(body), _KEY)]
-    for part in (keys[:allowed], keys[allowed:]):
-        if part != sorted(set(part)):
-            raise KeyFileError("key list is damaged (keys must ascend, and each must occur once)")
-    allowed_keys, revoked_keys = (frozenset(map(PublicKey, part)) for part in (keys[:allowed], keys[allowed:]))
+    parts = (keys[:allowed], keys[allowed:])
+    if any(part != sorted(set(part)) for part in parts):
+        raise KeyFileError("key list is damaged (keys must ascend, and each must occur once)")
+    allowed_keys, revoked_keys = (frozenset(map(PublicKey, part)) for part in parts)
     return KeyList(version=version, keys=allowed_keys, revoked=revoked_keys)

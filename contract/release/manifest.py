@@ -36,10 +36,13 @@ MAX_STEPS: Final = 10_000
 """Largest window and horizon, in steps: hundreds of times the release's values, but arrays of this size are small."""
 MAX_RESTING: Final = 100
 """Largest number of speeds in a table of the wake without jets. The ECU searches these speeds in every period."""
+FAST_PERIODS: Final = 4
+SLOW_PERIODS: Final = 64
+"""Long averaging time of the residuals in the ECU's sensor check, in control periods; `FAST_PERIODS` is the short time.
+The short time, a sixth of a shedding cycle, removes most noise of a sensor. The long time, two cycles, shows drifts."""
 WeightPrecision = Literal["float32", "int8"]
 """Type of the stored weights. `controller.onnx` calculates in float32 with either type."""
 PRECISIONS: Final[tuple[WeightPrecision, ...]] = get_args(WeightPrecision)
-
 _SHA256: Final = re.compile("[0-9a-f]{64}")
 _DATE: Final = re.compile("[0-9]{4}-[0-9]{2}-[0-9]{2}")
 """Accepted form of dates; `date.fromisoformat` would also accept other forms, such as week dates."""
@@ -78,22 +81,10 @@ class Scaling:
         return replace(self, pressure_mean=mean, pressure_std=std)
 
 
-FAST_PERIODS: Final = 4
-SLOW_PERIODS: Final = 64
-"""Long averaging time of the residuals in the ECU's sensor check, in control periods; `FAST_PERIODS` is the short time.
-The short time, a sixth of a shedding cycle, removes most of a sensor's noise. The long time, two cycles, shows a bias
-or a drift."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class SensorEstimator:
-    """The typical residuals of `sensors.onnx` with healthy sensors, for each pair of sensors.
-
-    Entry (j, i) is for the residual of sensor i, whose estimate uses neither sensor i nor sensor j.
-
-    Attributes:
-        fast, slow: root mean square of residuals, averaged over `FAST_PERIODS` or `SLOW_PERIODS`, in Cp, (S, S).
-    """
+    """The typical residuals of `sensors.onnx` with healthy sensors: the root mean square of residuals that are averaged
+    over `FAST_PERIODS` or `SLOW_PERIODS`, in Cp, (S, S). Entry (j, i) is for sensor i, estimated without i and j."""
 
     fast: tuple[tuple[float, ...], ...]
     slow: tuple[tuple[float, ...], ...]
@@ -109,13 +100,9 @@ class SpeedRange:
 
 @dataclass(frozen=True, kw_only=True)
 class RestingWake:
-    """The wake without jets as a function of the vehicle's speed, a reference for the ECU's benefit check.
-
-    Attributes:
-        speeds: K increasing speeds, as ratios to the design speed, (K,).
-        base: mean pressure of the release's sensors on the base at each speed, in Cp, (K,).
-        swing: mean magnitude of the differences between the release's mirrored sensors at each speed, in Cp, (K,).
-    """
+    """The wake without jets at increasing speeds, as ratios to the design speed: a reference for the ECU's benefit
+    check. `base` is the mean pressure of the release's sensors on the base, `swing` the mean magnitude of the
+    differences between its mirrored sensors, in Cp."""
 
     speeds: tuple[float, ...]
     base: tuple[float, ...]
@@ -136,24 +123,20 @@ class Manifest:
         control_period: control period in t_c.
         action_limit: bound on |a| in the optimiser.
         mpc: settings of the controller. The ECU passes the weights in these settings to the controller in every step.
-            The controller's own weights are used only without a manifest.
         budget_ms: largest time from a pressure frame to the command.
         compute_time_ms: part of `budget_ms` that the release's settings assign to the control step.
         dataset_sha256: SHA-256 of the recording to which the model was fitted.
         weights_sha256: SHA-256 of the trained model's tensors.
-        program_sha256: SHA-256 of the program that `controller.onnx` computes (`export.program.controller_program`);
-            the header of a C library of this program has the same SHA-256.
+        program_sha256: SHA-256 of the program that `controller.onnx` and a C library of this program compute.
         provenance: settings, metrics and versions of the training, and the results of the export's checks.
         sensor_positions: (x, y) of every sensor in the body's reference length W; None if the positions are not known.
         sensor_estimator: figures of `sensors.onnx`; None without that file.
         security_version: number that is raised when older releases must not be installed again. An ECU that has
             confirmed a release with a greater number refuses this release.
         hardware: name of the ECU hardware to which the release may be flashed; None for any hardware.
-        speeds: range of speeds in which the ECU resamples the controller's past for the present speed; None if the
-            controller assumes the operating point's speed at all times.
+        speeds: range of speeds in which the ECU resamples the controller's past; None for the design speed alone.
         resting: wake without jets as a function of the speed; with None, the ECU assumes the same wake at all speeds.
-        air_speed: weights of the estimate of the air speed (`contract.controller.air_speed`); with None, the ECU uses
-            the speed on the bus.
+        air_speed: weights of `contract.controller.air_speed`; with None, the ECU uses the speed on the bus.
     """
 
     name: str
@@ -182,14 +165,12 @@ class Manifest:
 
     @property
     def past(self) -> int:
-        """Number of past control periods that the controller's window needs. If the vehicle may be slower than the
-        design speed, this number exceeds the window's number of rows."""
+        """Number of past periods that the window needs; more than its rows if speeds below the design speed occur."""
         slowest = 1.0 if self.speeds is None else self.speeds.slowest
         return self.window if slowest == 1.0 else ceil(self.window / slowest) + 1
 
     @property
     def sizes(self) -> Sizes:
-        """The controller's sizes. The shapes of its interface follow from these sizes."""
         return Sizes(window=self.window, sensors=len(self.sensors), horizon=self.mpc.horizon)
 
     def __post_init__(self) -> None:
@@ -224,7 +205,13 @@ class Manifest:
         if self.resting is not None:
             yield from _unlike_a_wake(self.resting)
         if self.air_speed is not None:
-            yield from self._no_estimate(self.air_speed)
+            if count % 2 or self.window <= max(LAGS):
+                yield f"air_speed: needs pairs of sensors, and a window of more than {max(LAGS)} rows"
+            elif len(self.air_speed) != weight_count(count // 2):
+                yield f"air_speed has {len(self.air_speed)} weights: must have {weight_count(count // 2)}"
+            for value in self.air_speed:
+                if not abs(value) <= MOST_WEIGHT:
+                    yield f"air_speed: {value!r} must be in {-MOST_WEIGHT:g}..{MOST_WEIGHT:g}"
         for name, found, wanted in scaling.misfits(count):
             yield f"scaling.{name} has {found} values: must have {wanted}"
         for value in (*scaling.pressure_mean, *scaling.force_mean):
@@ -248,16 +235,6 @@ class Manifest:
             is_date = False
         if not is_date:
             yield f"created = {quoted(self.created)}: must be a date, YYYY-MM-DD"
-
-    def _no_estimate(self, air_speed: tuple[float, ...]) -> Iterator[str]:
-        sensors = len(self.sensors)
-        if sensors % 2 or self.window <= max(LAGS):
-            yield f"air_speed: needs pairs of sensors, and a window of more than {max(LAGS)} rows"
-        elif len(air_speed) != weight_count(sensors // 2):
-            yield f"air_speed has {len(air_speed)} weights: must have {weight_count(sensors // 2)}"
-        for value in air_speed:
-            if not abs(value) <= MOST_WEIGHT:
-                yield f"air_speed: {value!r} must be in {-MOST_WEIGHT:g}..{MOST_WEIGHT:g}"
 
 
 def _not_positive(what: str, *values: float) -> Iterator[str]:

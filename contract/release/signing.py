@@ -28,7 +28,6 @@ from contract.errors import KeyFileError
 
 PRIVATE_KEY: Final = "release.key"
 PUBLIC_KEY: Final = "release.pub"
-
 _TEXT: Final = re.compile(rb"stillwake-signature/1\nkey ([0-9a-f]{64})\nsignature ([0-9a-f]{128})\n")
 _SMALL_ORDER: Final = frozenset(
     bytes.fromhex(key)
@@ -44,8 +43,6 @@ _SMALL_ORDER: Final = frozenset(
 )
 """The y coordinates of the points of small order; the last two are not reduced modulo p. Anyone can make a valid
 signature for such a key, so these keys are refused (RFC 8032, section 8.8; the list is from libsodium)."""
-_OWNER_ONLY: Final = 0o600
-_ALL_READ: Final = 0o644
 
 
 @dataclass(frozen=True)
@@ -100,7 +97,7 @@ def write_key_pair(folder: Path, key: Ed25519PrivateKey) -> PublicKey:
     is_new = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, content, mode in ((PRIVATE_KEY, secret, _OWNER_ONLY), (PUBLIC_KEY, public, _ALL_READ)):
+        for name, content, mode in ((PRIVATE_KEY, secret, 0o600), (PUBLIC_KEY, public, 0o644)):
             # The file is created exclusively and with its final mode, so that other users can never read the key.
             with os.fdopen(os.open(folder / name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
                 written.append(folder / name)

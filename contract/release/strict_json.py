@@ -1,9 +1,6 @@
-"""A reader of strict JSON. It refuses content that two readers could interpret differently, or that could overload a
-reader.
-
-Python's `json` accepts more than the standard: NaN, numbers beyond a double, duplicate keys, lone surrogates, integers
-of any length, and very deep nesting. A manifest may come from anyone, so this module refuses such content.
-"""
+"""A reader of JSON that may come from anyone. It refuses content that two readers could interpret differently, or that
+could overload a reader, and that Python's `json` accepts: NaN, numbers beyond a double, duplicate keys, lone
+surrogates, integers of any length, and very deep nesting."""
 
 import hashlib
 import json

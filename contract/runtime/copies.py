@@ -5,8 +5,7 @@ from typing import ClassVar, NoReturn, Self
 
 
 class CopiedWhole:
-    """A stateful object whose copy shares nothing with the original. After a shallow copy, the original and the copy
-    would change the same arrays, but count their steps separately."""
+    """A stateful object whose copy shares nothing with it. Shallow copies would change the same arrays."""
 
     def __copy__(self) -> Self:
         return deepcopy(self)
@@ -14,10 +13,7 @@ class CopiedWhole:
 
 class NeverCopied:
     """An object that cannot be copied, because it owns a child process, a library's memory, a socket or the like.
-
-    Attributes:
-        INSTEAD: end of the error message; it states what to do instead of copying.
-    """
+    `INSTEAD` is the end of the error message; it states what to do instead of copying."""
 
     INSTEAD: ClassVar[str]
 

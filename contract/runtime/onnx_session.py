@@ -26,18 +26,12 @@ MAX_MEMORY: Final = 256 * 2**20
 WARM_UP_LIMIT_S: Final = 10.0
 """Longest time for all steps of a warm-up, in s. The paper's controller takes some milliseconds per step, and its
 deadline is 20 ms. A graph that takes a thousand times longer either never ends or is no controller."""
-_WARM_UP_STEPS: Final = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoundedGraph:
-    """A graph in a bundle, with the inputs, outputs and shapes that the graph must have.
-
-    Attributes:
-        shapes: required shapes of inputs and outputs, by name.
-        inputs: names of the inputs without a default.
-        optional: names in `shapes` that the graph may lack.
-    """
+    """A graph in a bundle, with the shapes of inputs and outputs that the graph must have, by name. `inputs` has the
+    names of the inputs without a default, `optional` the names in `shapes` that the graph may lack."""
 
     name: str
     model: bytes
@@ -51,9 +45,8 @@ class BoundedGraph:
         return self._opened(_options())
 
     def tried(self, limit_s: float) -> None:
-        """Run one step of the graph in bounded time and memory, without optimisation. With optimisation, ONNX Runtime
-        would compute constant expressions during loading, in unbounded time and memory; a step without optimisation
-        computes these expressions within the bounds. Raises the errors of `session` and `run_on_zeros`."""
+        """Run one step of the graph in bounded time and memory. With optimisation, ONNX Runtime would compute constant
+        expressions during loading, without bounds. Raises the errors of `session` and `run_on_zeros`."""
         options = _options()
         options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
         self.run_on_zeros(self._opened(options), 1, limit_s)
@@ -199,7 +192,7 @@ class OnnxEstimator:
         graph = BoundedGraph(name=ESTIMATOR, model=model, shapes=shapes, inputs=inputs, outputs=outputs)
         graph.tried(WARM_UP_LIMIT_S)
         self._session = graph.session()
-        graph.run_on_zeros(self._session, _WARM_UP_STEPS, WARM_UP_LIMIT_S)
+        graph.run_on_zeros(self._session, 3, WARM_UP_LIMIT_S)
         self._shape = shapes[ESTIMATOR_OUTPUT]
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -18,7 +18,6 @@ from can_bridge.wire.frame import Frame
 from contract.errors import BusError
 from ecu.real_time.privileges import step_back
 
-FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
 """Longest pause in s between two attempts to open a bus again. Pauses double until they reach this length."""
 SEND_TIMEOUT_S: Final = 0.003
@@ -38,21 +37,15 @@ class Connection:
     """
 
     def __init__(
-        self,
-        open_bus: Callable[[], PythonCanBus],
-        deliver: Callable[[Frame], None],
-        *,
-        first_pause_s: float = FIRST_PAUSE_S,
+        self, open_bus: Callable[[], PythonCanBus], deliver: Callable[[Frame], None], *, first_pause_s: float = 0.1
     ) -> None:
         self._open, self._deliver, self._first_pause_s = open_bus, deliver, first_pause_s
         self._bus: ReceiveThread | None = None
         self._opened = deque[PythonCanBus]()  # filled by the opener, with one bus at most
         self._opener: Thread | None = None
-        self._closing = Event()
-        self._sending = Lock()
+        self._closing, self._sending = Event(), Lock()
         self._lost_at_s = 0.0
-        self._before = HEALTHY
-        self._health = HEALTHY
+        self._before = self._health = HEALTHY
         self.losses = self.not_sent = 0
         self.why_not_sent = ""
 
@@ -122,8 +115,7 @@ class Connection:
         health = self.health()
         self._before = replace(health, bus_off=health.bus_off + 1)
         self._health = replace(self._before, state=BusState.BUS_OFF)
-        self._bus = None
-        self._lost_at_s = time.monotonic()
+        self._bus, self._lost_at_s = None, time.monotonic()
         self.losses += 1
         self._opener = Thread(target=self._reopen, args=(read,), name="can-open", daemon=True)
         self._opener.start()

@@ -29,8 +29,6 @@ GRACE: Final = 4
 """Divisor of the period: a step may begin late by up to a period / GRACE. A step that would begin later is skipped."""
 SHUT_FRAMES: Final = 3
 """Number of last periods, whose commands shut the jets. There are several, because a single frame may be lost."""
-_PASSING: Final = (Mode.HOLD, Mode.DECAY)
-"""Modes that last too briefly to be reported in the log."""
 
 
 class ControlLoop:
@@ -57,8 +55,7 @@ class ControlLoop:
         messages = message_set(config.bus)
         self._pressure = messages.pressure.spec
         self._silence = Silence(self._pressure, messages, "vehicle", lambda text: tell("heard", text))
-        self._sound = 0
-        self._offset_ns = check_offset(config)
+        self._sound, self._offset_ns = 0, check_offset(config)
         period_ns = config.period_ns
         self._look_every = max(1, round(SILENCE_S * 1e9 / period_ns))
         self._deadlines = Deadlines(period_ns=period_ns, due_ns=now_ns() + period_ns, grace_ns=period_ns // GRACE)
@@ -132,10 +129,9 @@ class ControlLoop:
 
     def _tell_mode(self) -> None:
         state = self._ecu.state.fail_safe
-        now = state.mode.on_wire, state.reason
-        if now != self._told and now[0] not in _PASSING:
-            self._told = now
-            mode, reason = now
+        mode, reason = state.mode.on_wire, state.reason
+        if (mode, reason) != self._told and mode not in (Mode.HOLD, Mode.DECAY):  # these two last only briefly
+            self._told = mode, reason
             because = "" if reason is Reason.NONE else f", {reason.name}"
             self._tell("mode", f"{mode.name}{because}", mode=mode.name, reason=reason.name)
 
@@ -156,10 +152,8 @@ class ControlLoop:
         )
 
     def _counter(self, frame: Frame) -> int:
-        """Return the counter in a pressure frame's E2E header; NOTHING if the frame's length is wrong."""
-        if len(frame.data) != self._pressure.length:
-            return NOTHING
-        return profile_of(self._pressure).counter_of(frame.data)
+        is_whole = len(frame.data) == self._pressure.length
+        return profile_of(self._pressure).counter_of(frame.data) if is_whole else NOTHING
 
     def _note(self, stages: StageTimes, frames: Sequence[Frame], *times_ns: int) -> None:
         """Store this period's times: deadline, waking, start and end of the step, and end of sending."""

@@ -79,9 +79,6 @@ def authentication_of(config: Config, options: ProcessOptions) -> tuple[Freshnes
     return store, store.begin(key)
 
 
-Beside = Callable[[Connection, Reporter], AbstractContextManager[object]]
-
-
 @dataclass(frozen=True, kw_only=True)
 class ServedEcu:
     """An ECU and the other parts of its process. The thread that reads the bus passes each frame whose identifier is in
@@ -93,7 +90,7 @@ class ServedEcu:
     line: str
     fields: Mapping[str, str | int | float]
     hears: Mapping[CanId, Callable[[Frame], None]] = field(default_factory=dict)
-    beside: Beside = lambda connection, reporter: nullcontext()
+    beside: Callable[[Connection, Reporter], AbstractContextManager[object]] = lambda *_: nullcontext()
 
 
 def check(config: Config, options: ProcessOptions) -> None:
@@ -119,9 +116,7 @@ def run(
     messages = message_set(config.bus)
     pressure, speed = messages.pressure.spec, messages.speed.spec
     reception = FrameReception(messages=messages, interface=config.bus.interface)
-    stages = None
-    if options.stage_times is not None:
-        stages = StageTimes(EcuStage, USUAL_PERIODS if options.periods is None else options.periods)
+    stages = None if options.stage_times is None else StageTimes(EcuStage, options.periods or USUAL_PERIODS)
 
     def opened() -> PythonCanBus:
         # Frames of the other message sets are accepted too, so that the ECU can report a node with a wrong message set.
@@ -129,8 +124,7 @@ def run(
         return PythonCanBus.open(config.bus, accept=accept, keep=kept)
 
     def deliver(frame: Frame) -> None:
-        hears = served.hears.get(frame.identifier)
-        (reception.put if hears is None else hears)(frame)
+        served.hears.get(frame.identifier, reception.put)(frame)
 
     def keep(counters: Counters) -> None:
         if freshness is not None:
@@ -144,9 +138,8 @@ def run(
         notifier = Notifier(options.environment, os.getpid())
         stack.callback(notifier.close)
         connection = stack.enter_context(Connection(opened, deliver))
-        reporter = stack.enter_context(
-            Reporter(write, options.as_line, bundle=served.name, metrics=options.metrics, keep=keep)
-        )
+        reporter = Reporter(write, options.as_line, bundle=served.name, metrics=options.metrics, keep=keep)
+        stack.enter_context(reporter)
 
         def tell(event: str, line: str, **fields: str | int | float) -> None:
             reporter.tell(event, line, **fields)
@@ -222,17 +215,8 @@ def serve(
     now_ns = clock.now_ns()
     for _ in range(WARM_UP_STEPS):
         ecu.next(ecu.state, now_ns, [])
-    name = f"{release.manifest.name} {release.digest[:12]}"
-    served = ServedEcu(
-        ecu=ecu,
-        times=timed.times,
-        name=name,
-        line=f"runs bundle {name} ({signature}) by {controller.description}",
-        fields={
-            "bundle": release.manifest.name,
-            "digest": release.digest,
-            "signature": signature,
-            "controller": controller.description,
-        },
-    )
+    name, by = f"{release.manifest.name} {release.digest[:12]}", controller.description
+    line = f"runs bundle {name} ({signature}) by {by}"
+    fields = {"bundle": release.manifest.name, "digest": release.digest, "signature": signature, "controller": by}
+    served = ServedEcu(ecu=ecu, times=timed.times, name=name, line=line, fields=fields)
     return run(served, config, options, is_stopped=is_stopped, write=write, freshness=freshness)

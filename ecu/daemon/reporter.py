@@ -87,7 +87,6 @@ def text(c: Counters, *, bundle: str) -> str:
 
 
 def _metric(name: str, kind: str, meaning: str, values: Mapping[str, float]) -> str:
-    """Return the lines of a metric; `values` has a value for each label."""
     full = f"stillwake_ecu_{name}"
     samples = (f"{full}{label} {value!r}\n" for label, value in values.items())
     return f"# HELP {full} {meaning}\n# TYPE {full} {kind}\n{''.join(samples)}"

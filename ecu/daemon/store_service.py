@@ -43,15 +43,10 @@ class DiagnosisThread:
     """A thread that serves the tester while its `with` block runs. It calls `failed` with an error that ends it."""
 
     def __init__(
-        self,
-        ecu: FlashableEcu,
-        send: Callable[[Sequence[Frame]], object],
-        *,
-        now_ns: Callable[[], int],
-        failed: Callable[[BaseException], None],
+        self, ecu: FlashableEcu, send: Callable[[Sequence[Frame]], object], failed: Callable[[BaseException], None]
     ) -> None:
-        self._ecu, self._send, self._now_ns, self._failed = ecu, send, now_ns, failed
-        self._inbox = Inbox(lambda frame: now_ns(), room=_ROOM)
+        self._ecu, self._send, self._failed = ecu, send, failed
+        self._inbox = Inbox(lambda frame: clock.now_ns(), room=_ROOM)
         self._wakes, self._stop = Event(), Event()
         self._thread = Thread(target=self._run, name="diagnosis", daemon=True)
 
@@ -77,7 +72,7 @@ class DiagnosisThread:
                 self._wakes.clear()
                 frames = self._inbox.take()
                 for first in range(0, max(1, len(frames)), MOST_FRAMES):
-                    self._send(self._ecu.service(self._now_ns(), frames[first : first + MOST_FRAMES]))
+                    self._send(self._ecu.service(clock.now_ns(), frames[first : first + MOST_FRAMES]))
         except BaseException as error:  # noqa: BLE001 - an error that ends a thread is lost unless it is reported
             self._failed(error)
 
@@ -163,12 +158,7 @@ def serve_store(
                 fatal.append(error)
             log.tell("diagnosis_ended", f"diagnosis ended, {goes_on}: {type(error).__name__}: {error}")
 
-        diagnosis = DiagnosisThread(
-            ecu,
-            lambda frames: [connection.send(frames) for connection in connections],
-            now_ns=clock.now_ns,
-            failed=failed,
-        )
+        diagnosis = DiagnosisThread(ecu, lambda frames: [one.send(frames) for one in connections], failed)
 
         @contextmanager
         def beside(connection: Connection, reporter: Reporter) -> Iterator[None]:

@@ -23,7 +23,6 @@ from contract.atomic import replacing
 from contract.errors import ConfigError, OutputError
 from contract.printable import is_name, quoted
 from contract.release import signing, strict_json
-from contract.release.signing import PublicKey
 
 _ROOT: Final = "root.pub"
 IDENTITY: Final = "ecu.json"
@@ -36,7 +35,7 @@ class EcuFolder:
     """An ECU's folder after its provisioning. `root` is the public key that verifies key lists."""
 
     folder: Path
-    root: PublicKey
+    root: signing.PublicKey
     hardware: str
     serial: str
 
@@ -47,10 +46,8 @@ def read_folder(folder: Path, *, root: Path | None = None, hardware: str | None 
     try:
         raw = (folder / IDENTITY).read_bytes()
     except OSError as error:
-        raise ConfigError(
-            f"{folder}: not a folder of an ECU ({IDENTITY}: {error.strerror}); `stillwake ecu provision` makes such a "
-            f"folder"
-        ) from error
+        what = f"not a folder of an ECU ({IDENTITY}: {error.strerror})"
+        raise ConfigError(f"{folder}: {what}; `stillwake ecu provision` makes such a folder") from error
     try:
         identity = strict_json.decode(raw)
         if identity.keys() != {"schema", "hardware", "serial"} or identity["schema"] != _SCHEMA:
@@ -58,12 +55,9 @@ def read_folder(folder: Path, *, root: Path | None = None, hardware: str | None 
         found, serial = (_name(identity[name], name) for name in ("hardware", "serial"))
     except (ValueError, ConfigError) as error:
         raise ConfigError(f"{folder / IDENTITY}: {error}; provision a new folder") from error
-    return EcuFolder(
-        folder=folder,
-        root=signing.read_public_key(folder / _ROOT if root is None else root),
-        hardware=found if hardware is None else _name(hardware, "hardware"),
-        serial=serial,
-    )
+    key = signing.read_public_key(folder / _ROOT if root is None else root)
+    name = found if hardware is None else _name(hardware, "hardware")
+    return EcuFolder(folder=folder, root=key, hardware=name, serial=serial)
 
 
 def provision(

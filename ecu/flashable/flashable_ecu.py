@@ -12,7 +12,7 @@ from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.flashing.backing import Backing
 from can_bridge.secoc.node import Authentication
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.messages import EcuStatus, Reason
+from can_bridge.wire.messages import Reason
 from contract.config.tree import Config
 from ecu.ecu_state import EcuState, Trace
 from ecu.flashable.equipment import Equipment
@@ -28,25 +28,19 @@ class FlashableEcu:
     of `bus.key` and `authentication` is given.
 
     Attributes:
+        cycle: the parts that the latest boot created.
         resets: number of resets since power-on.
     """
 
     def __init__(
-        self,
-        backing: Backing,
-        config: Config,
-        equipment: Equipment,
-        *,
-        authentication: Authentication | None = None,
+        self, backing: Backing, config: Config, equipment: Equipment, *, authentication: Authentication | None = None
     ) -> None:
         self._made_of, self._log = (backing, config, equipment, authentication), equipment.log
-        self._xcp_command = config.bus.diagnosis.xcp_command
-        self._request = VehicleRequest()
-        self._service_ns = 0
+        self._xcp_command, self._request = config.bus.diagnosis.xcp_command, VehicleRequest()
         self._wants_reset = False
-        self.resets = 0
+        self._service_ns = self.resets = 0
         # Diagnosis uses a new release as soon as it is booted; control uses it from the next period on.
-        self._serviced = self._controlled = self._power_on()
+        self.cycle = self._controlled = self._power_on()
 
     @property
     def _ecu(self) -> CalibratedEcu | ShutEcu:
@@ -61,37 +55,25 @@ class FlashableEcu:
         return self._ecu.trace
 
     @property
-    def frames_rejected(self) -> int:
-        return self._ecu.frames_rejected
-
-    @property
-    def cycle(self) -> PowerCycle:
-        """The parts that the latest boot created."""
-        return self._serviced
-
-    @property
     def is_busy(self) -> bool:
         """Whether `service` has work to do even if it receives no further frame."""
-        cycle = self._serviced
+        cycle = self.cycle
         is_sending = cycle.calibration is not None and cycle.calibration.is_sending
         return self._wants_reset or cycle.link.is_busy or is_sending
 
     @property
     def is_measuring(self) -> bool:
         """Whether `service` sends measured values for each control period."""
-        return self._serviced.calibration is not None and self._serviced.calibration.is_measuring
+        return self.cycle.calibration is not None and self.cycle.calibration.is_measuring
 
     @property
     def needs_reset(self) -> bool:
         """Whether the jets stay shut until a reset, because a release was written or a reset was requested."""
-        return self._wants_reset or self._serviced.is_updating
+        return self._wants_reset or self.cycle.is_updating
 
     def restore(self, state: EcuState) -> None:
         """Continue the control from a state of an ECU with the same release and settings; the store is not changed."""
         self._ecu.restore(state)
-
-    def status(self) -> EcuStatus:
-        return self._ecu.status()
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
         """Run one control period, without diagnosis. Returns a JetCommand and an EcuStatus, unless a tester silenced
@@ -113,7 +95,7 @@ class FlashableEcu:
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
         """Process up to `MOST_FRAMES` frames of diagnosis and a part of a long operation; return the frames to send."""
-        if self._serviced is not self._controlled:
+        if self.cycle is not self._controlled:
             return []
         if self._wants_reset:
             # If control began after the tester's request, the next control period shuts the jets first.
@@ -121,7 +103,7 @@ class FlashableEcu:
                 self._reset()
             return []
         self._service_ns = now_ns
-        cycle, frames = self._serviced, frames[:MOST_FRAMES]
+        cycle, frames = self.cycle, frames[:MOST_FRAMES]
         cycle.settle_faults()
         before = cycle.access
         sent = cycle.link.service(now_ns, [frame for frame in frames if frame.identifier != self._xcp_command])
@@ -142,12 +124,12 @@ class FlashableEcu:
         self._wants_reset = True
 
     def _reset(self) -> None:
-        self._serviced = self._power_on()
+        self.cycle = self._power_on()
         self.resets += 1
 
     def _take_over(self) -> None:
         """Use the release that was booted last, perhaps in another thread, for control from now on."""
-        if (cycle := self._serviced) is self._controlled:
+        if (cycle := self.cycle) is self._controlled:
             return
         before, booted = self._ecu.state, cycle.ecu.state
         speed = replace(booted.speed, verifier=before.speed.verifier)

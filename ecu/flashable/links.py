@@ -47,10 +47,8 @@ class DiagnosticLink:
     """The link between a tester and the server of diagnosis; a new object is in the state after power-on."""
 
     def __init__(self, config: BusConfig, server: UdsServer) -> None:
-        self._settings = isotp_settings(config)
-        self._functional = config.diagnosis.functional
-        self._endpoint = Endpoint(self._settings)
-        self._server = server
+        self._settings, self._functional = isotp_settings(config), config.diagnosis.functional
+        self._endpoint, self._server = Endpoint(self._settings), server
         self._sent = 0
 
     @property
@@ -85,7 +83,6 @@ class DiagnosticLink:
         return sent
 
     def _requests(self, now_ns: int, frames: Sequence[Frame]) -> Iterator[tuple[bytes, bool]]:
-        """Yield each request as soon as it is complete, and whether it is a functional request."""
         for frame in frames:
             if frame.identifier == self._functional:
                 part = control_info.parse(frame.data)
@@ -121,9 +118,9 @@ class CalibrationLink:
         self._is_fd, self._response = config.bus.frames == "fd", diagnosis.xcp_response
         self._xcp: XcpSlave | None = None
         if diagnosis.xcp:
-            self._xcp = XcpSlave(self._segment, equipment.access, equipment.random_bytes, period_ns=config.period_ns)
-        self._waiting = list[bytes]()
-        self.is_sending = False
+            answer = equipment.access.answer
+            self._xcp = XcpSlave(self._segment, answer, equipment.random_bytes, period_ns=config.period_ns)
+        self._waiting, self.is_sending = list[bytes](), False
         self.service = CalibrationService(
             self._segment, kept=lambda: store.calibration(bundle.digest), keep=store.keep_calibration, refusal=refusal
         )

@@ -4,9 +4,8 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import NamedTuple, cast
 
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing, MediumError
-from can_bridge.flashing.state import TRIAL_BOOTS
+from can_bridge.flashing.state import TRIAL_BOOTS, Level
 from can_bridge.flashing.store import Boot, BootReason, Store
 from can_bridge.secoc.node import Authentication
 from can_bridge.uds.ecu_services import EcuServices

@@ -60,9 +60,8 @@ LIMIT_SLACK: Final = 1e-5
 def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
     """Run controller and estimator, in parts, on a window of zeros and a shedding wake's window. Raises ControllerError
     if a run fails, a plan or a force is not finite, or a plan has a wrong shape or exceeds the action limit."""
-    sizes = bundle.manifest.sizes
-    weights = np.array(bundle.manifest.mpc.weights.as_tuple())
-    estimator = OnnxEstimator.of(bundle)
+    sizes, limit = bundle.manifest.sizes, bundle.manifest.action_limit
+    weights, estimator = np.array(bundle.manifest.mpc.weights.as_tuple()), OnnxEstimator.of(bundle)
     yield
     for window in _windows(sizes, bundle.manifest.control_period):
         answer = controller.control_step(window, np.zeros(sizes.horizon), np.ones(sizes.horizon), weights)
@@ -71,10 +70,8 @@ def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
             raise ControllerError(f"self-test: a plan has shape {plan.shape}: must have shape ({sizes.horizon},)")
         if not (np.isfinite(plan).all() and np.isfinite(forces).all()):
             raise ControllerError("self-test: a plan or a predicted force is not finite")
-        if (largest := float(np.abs(plan).max())) > bundle.manifest.action_limit + LIMIT_SLACK:
-            raise ControllerError(
-                f"self-test: a plan reaches {largest:g}: the action limit is {bundle.manifest.action_limit:g}"
-            )
+        if (largest := float(np.abs(plan).max())) > limit + LIMIT_SLACK:
+            raise ControllerError(f"self-test: a plan reaches {largest:g}: the action limit is {limit:g}")
         yield
         if estimator is not None:
             estimator.estimates(window)

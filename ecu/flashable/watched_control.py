@@ -34,10 +34,6 @@ class VehicleRequest:
         return Nrc.CONDITIONS_NOT_CORRECT if self.drives_jets or asks else None
 
 
-_NUMBERS: Final = struct.Struct(">IBHH")
-_MOST_MS: Final = 0xFFFF_FFFF
-
-
 class FaultWatch:
     """A detector of faults in all control periods since power-on."""
 
@@ -62,12 +58,7 @@ class FaultWatch:
 
 def _snapshot(before: EcuState, after: EcuState, since_power_on_ns: int) -> bytes:
     """Return the snapshot of the state in which a fault was found, with values in the order of `SNAPSHOT_FORMATS`."""
-    return (
-        _NUMBERS.pack(
-            min(max(0, since_power_on_ns) // 1_000_000, _MOST_MS),
-            before.fail_safe.mode.on_wire,
-            min(after.missed, COUNT_LIMIT),
-            min(after.overruns, COUNT_LIMIT),
-        )
-        + before.memory.window[-1, :SENSORS].astype(np.dtype(">f4")).tobytes()
-    )
+    time_ms = min(max(0, since_power_on_ns) // 1_000_000, 0xFFFF_FFFF)
+    counts = min(after.missed, COUNT_LIMIT), min(after.overruns, COUNT_LIMIT)
+    cp = before.memory.window[-1, :SENSORS].astype(np.dtype(">f4"))
+    return struct.pack(">IBHH", time_ms, before.fail_safe.mode.on_wire, *counts) + cp.tobytes()

@@ -58,11 +58,6 @@ class CEcuState(NeverCopied):
     def trace(self) -> Trace:
         return self.structs.trace(self._ecu)
 
-    @property
-    def frames_rejected(self) -> int:
-        state = self.state
-        return state.verifier.refused + state.pressures.frames_rejected
-
     def status(self) -> EcuStatus:
         return self.state.status(self._bundle_hash)
 
@@ -103,7 +98,6 @@ class CEcu(CEcuState):
     Args:
         sources: the library's files by name, including `sw_ecu_settings.h`. A caller may replace or add files.
         compiler: command that compiles C; None finds a compiler on this machine.
-        library: file in which to store the compiled library; None uses a temporary file.
         secret: the bytes of the key if `bus.key` is set; the ECU is then in its first power cycle.
 
     Attributes:
@@ -117,13 +111,12 @@ class CEcu(CEcuState):
         *,
         compiler: Sequence[str] | None = None,
         flags: Sequence[str] = EXACT,
-        library: Path | None = None,
         secret: bytes | None = None,
     ) -> None:
         command = host_compiler() if compiler is None else list(compiler)
         structs, bundle_hash = Structs(sources, command), bundle_hash_of(sources)
         with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder, "ecu.so") if library is None else library
+            path = Path(folder, "ecu.so")
             compile_c(library_sources(sources), path, compiler=command, flags=("-fPIC", "-shared", *flags))
             try:
                 self.lib: Any = structs.ffi.dlopen(str(path))

@@ -33,12 +33,8 @@ def played_pressures(rows: Array, config: Config) -> bytes:
     lines, speeds = list[str](), list[str]()
     key = Key(PLAYED_KEY) if message.spec.is_secured else None
     for period, row in enumerate(rows[:MOST_PERIODS, :SENSORS].tolist()):
-        pressure = Pressure(
-            pressure_pa=tuple(min(max(cp * dynamic_pressure, -limit_pa), limit_pa) for cp in row),
-            valid=(True,) * SENSORS,
-            enable_request=period >= ASKED_FROM,
-            age_ns=0,
-        )
+        within = tuple(min(max(cp * dynamic_pressure, -limit_pa), limit_pa) for cp in row)
+        pressure = Pressure(pressure_pa=within, valid=(True,) * SENSORS, enable_request=period >= ASKED_FROM, age_ns=0)
         played = (
             (lines, sender.frame(message.emit(pressure), now_ns=0), message.spec),
             (speeds, speed_sender.frame(messages.speed.emit(speed), now_ns=0), messages.speed.spec),

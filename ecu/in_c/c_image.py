@@ -6,16 +6,8 @@ from pathlib import Path
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.config.tree import Config
+from contract.controller import image_payload as payloads
 from contract.controller.c_folder import ECU_SETTINGS, ProgramSettings
-from contract.controller.image_payload import (
-    ESTIMATOR_PART,
-    RELEASE_PART,
-    WEIGHTS_PART,
-    check_numbers,
-    layout_of,
-    payload_of,
-    sha256_of,
-)
 from contract.errors import LibraryError
 from contract.release.checks import Bundle, dbc_sha256
 from contract.release.controller_image import ImageFacts, seal
@@ -24,7 +16,7 @@ from ecu.in_c.c_settings import release_numbers
 
 def read_packed(folder: Path) -> dict[str, bytes]:
     """Read the packed weights and the packed estimator in a library's folder; raise LibraryError if this fails."""
-    paths = (folder / name for name in (WEIGHTS_PART, ESTIMATOR_PART))
+    paths = (folder / name for name in (payloads.WEIGHTS_PART, payloads.ESTIMATOR_PART))
     try:
         return {path.name: path.read_bytes() for path in paths if path.is_file()}
     except OSError as error:
@@ -38,12 +30,12 @@ def controller_image(
     numbers. Raises LibraryError if a file is missing or belongs to another controller; BundleContainerError if an
     image has no space for the release's name, or if ECUs would refuse one of the release's numbers."""
     manifest = bundle.manifest
-    for name in (WEIGHTS_PART, ECU_SETTINGS):
+    for name in (payloads.WEIGHTS_PART, ECU_SETTINGS):
         if name not in files:
             raise LibraryError(f"no image: {name} is missing, so the library has no ECU in C")
     if ProgramSettings.of(files).text("SW_PROGRAM_SHA256") != manifest.program_sha256:
         raise LibraryError(f"no image: the library does not belong to the program of bundle {manifest.name!r}")
-    point, layout = manifest.operating_point, sha256_of(layout_of(files))
+    point, layout = manifest.operating_point, payloads.sha256_of(payloads.layout_of(files))
     facts = ImageFacts(
         layout=layout,
         dbc=bytes.fromhex(dbc_sha256()),
@@ -56,6 +48,6 @@ def controller_image(
         hardware=manifest.hardware,
         name=manifest.name,
     )
-    payload = payload_of({**files, RELEASE_PART: release_numbers(bundle, config).packed()})
-    check_numbers(payload, layout)
+    payload = payloads.payload_of({**files, payloads.RELEASE_PART: release_numbers(bundle, config).packed()})
+    payloads.check_numbers(payload, layout)
     return seal(payload, facts, key)

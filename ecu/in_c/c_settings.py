@@ -22,29 +22,25 @@ from contract.config.diagnosis import DiagnosisConfig
 from contract.config.tree import Config
 from contract.config.vehicle import SpeedConfig
 from contract.controller.air_speed import FIRST_PERIOD, LAGS, MEAN_PERIODS, feature_count
-from contract.controller.c_folder import ECU_SETTINGS, Numbers
+from contract.controller.c_folder import ECU_SETTINGS, Numbers, float_literal, generated_header
 from contract.controller.calibration import LARGEST_WEIGHT, Calibration
 from contract.controller.interface import TERMS
 from contract.errors import ConfigError, LibraryError
 from contract.release import manifest as manifests
 from contract.release.checks import Bundle
-from contract.release.manifest import Manifest
 from ecu import benefit_check, sensor_check, speed_reception
-from ecu.benefit_check import BenefitCheck, resting_of
 from ecu.calibrating import limits_of, release_calibration
 from ecu.fit import check_vehicle
 from ecu.pressure_reception import SILENCE_NS
 from ecu.timing import LATEST_NS
 
 HEADER: Final = ECU_SETTINGS
-_COUNTED: Final = (
+_COUNTS: Final = (
     *("ecu.deadline_misses", "ecu.hold_periods", "ecu.decay_periods", "ecu.rearm_frames"),
     *("ecu.sensor_check.doubt_periods", "ecu.sensor_check.flat_periods", "ecu.benefit_check.mean_periods"),
     *("ecu.benefit_check.wake_periods", "ecu.benefit_check.first_period", "ecu.benefit_check.doubt_periods"),
 )
-_MOST: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.window": 254} | dict.fromkeys(
-    _COUNTED, 2**29
-)
+_MOST: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.window": 254} | dict.fromkeys(_COUNTS, 2**29)
 """Largest values, in periods, that the ECU in C can store or add without overflow."""
 _CLASSIC_ONLY: Final = {"SW_PRESSURE_INVALID": f"({-wire.INT12_MAX - 1})", "SW_STALE_NS": f"INT64_C({STALE_NS})"}
 _GREATEST_WEIGHTS: Final = CostWeights(**dict.fromkeys(TERMS, LARGEST_WEIGHT))
@@ -59,12 +55,8 @@ def ecu_settings(bundle: Bundle, config: Config) -> bytes:
     the sensor check, but the release has no sensor estimator."""
     check_vehicle(bundle, config)
     check_settings(config)
-    values = _definitions(bundle, config).items()
-    text = "\n".join(f"#define {n} {repr(value) if isinstance(value, float) else value}" for n, value in values)
-    return (
-        "/* Generated: the DBC's messages, a release's figures, a vehicle's settings. */\n"
-        f"#ifndef SW_ECU_SETTINGS_H\n#define SW_ECU_SETTINGS_H\n\n{text}\n\n#endif\n"
-    ).encode()
+    what = "the DBC's messages, a release's figures, a vehicle's settings"
+    return generated_header(HEADER, what, _definitions(bundle, config))
 
 
 def check_settings(config: Config) -> None:
@@ -77,9 +69,8 @@ def check_settings(config: Config) -> None:
         raise ConfigError(f"control period = {config.period_ns} ns: the ECU in C accepts at most {_LONGEST_PERIOD_NS}")
     held_ns = GateLimits.from_config(config).held_age_ns
     if held_ns > LATEST_NS:
-        raise ConfigError(
-            f"ecu.hold_periods and ecu.decay_periods add up to {held_ns} ns: the ECU in C accepts at most {LATEST_NS}"
-        )
+        wrong = f"ecu.hold_periods and ecu.decay_periods add up to {held_ns} ns"
+        raise ConfigError(f"{wrong}: the ECU in C accepts at most {LATEST_NS}")
 
 
 def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]:
@@ -131,7 +122,7 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         "SW_FRESH_AGE_NS": f"INT64_C({limits.fresh_age_ns})",
         "SW_HELD_AGE_NS": f"INT64_C({limits.held_age_ns})",
         **_of_speeds(manifest, ecu.speed),
-        **_of_benefit_check(BenefitCheck.of(manifest, ecu.benefit_check)),
+        **_of_benefit_check(benefit_check.BenefitCheck.of(manifest, ecu.benefit_check)),
         "SW_SENSOR_CHECK": int(estimator is not None),
         **_named("SW", check, "liar_level", "bias_level", "swap_level", "doubt_level", "doubt_periods", "flat_periods"),
         **_named("SW", manifests, "FAST_PERIODS", "SLOW_PERIODS"),
@@ -148,12 +139,12 @@ def _named(prefix: str, owner: object, *names: str) -> dict[str, int | float | s
 def release_numbers(bundle: Bundle, config: Config) -> Numbers:
     """Return the `sw_release` of a verified release: the numbers that no vehicle's setting changes (0 if missing)."""
     manifest, estimator, speeds = bundle.manifest, bundle.manifest.sensor_estimator, bundle.manifest.speeds
-    check = BenefitCheck.of(manifest, replace(config.ecu.benefit_check, enabled=True))
+    check = benefit_check.BenefitCheck.of(manifest, replace(config.ecu.benefit_check, enabled=True))
     nothing, point = np.zeros((len(manifest.sensors),) * 2), manifest.operating_point
     members = {
         "fast_deviation": nothing if estimator is None else np.array(estimator.fast),
         "slow_deviation": nothing if estimator is None else np.array(estimator.slow),
-        "resting": np.array(resting_of(manifest)),
+        "resting": np.array(benefit_check.resting_of(manifest)),
         "slowest": np.array(0.0 if speeds is None else speeds.slowest),
         "fastest": np.array(0.0 if speeds is None else speeds.fastest),
         "design_speed": np.array(float(point.speed)),
@@ -201,7 +192,7 @@ def _of_diagnosis(config: DiagnosisConfig, period_ns: int) -> dict[str, int | fl
     }
 
 
-def _of_speeds(manifest: Manifest, config: SpeedConfig) -> dict[str, int | float | str]:
+def _of_speeds(manifest: manifests.Manifest, config: SpeedConfig) -> dict[str, int | float | str]:
     """Return the settings for a release with a range of speeds; for another, SW_PAST and SW_AIR_SPEED, both 0."""
     if manifest.speeds is None:
         return {"SW_PAST": 0, "SW_AIR_SPEED": 0}
@@ -212,9 +203,7 @@ def _of_speeds(manifest: Manifest, config: SpeedConfig) -> dict[str, int | float
         "SW_AIR_LAGS": f"{{{', '.join(map(str, LAGS))}}}",
         "SW_AIR_MEAN_PERIODS": f"{MEAN_PERIODS}u",
         "SW_AIR_FIRST_PERIOD": f"{FIRST_PERIOD}u",
-        "SW_AIR_TOLERATED": speed_reception.TOLERATED,
-        "SW_AIR_MOST_REST": speed_reception.MOST_REST,
-        "SW_AIR_RATE": speed_reception.RATE,
+        **_named("SW_AIR", speed_reception, "TOLERATED", "MOST_REST", "RATE"),
         "SW_MOST_CORRECTION": float(config.most_correction),
         "SW_SPEED_MARGIN": float(config.margin),
         "SW_OLDEST_SPEED_NS": f"INT64_C({round(config.oldest_ms * 1e6)})",
@@ -223,7 +212,7 @@ def _of_speeds(manifest: Manifest, config: SpeedConfig) -> dict[str, int | float
     }
 
 
-def _of_benefit_check(check: BenefitCheck | None) -> dict[str, int | float | str]:
+def _of_benefit_check(check: benefit_check.BenefitCheck | None) -> dict[str, int | float | str]:
     if check is None:
         return {"SW_BENEFIT_CHECK": 0}
     config = check.config
@@ -233,8 +222,7 @@ def _of_benefit_check(check: BenefitCheck | None) -> dict[str, int | float | str
         "SW_WAKE_PERIODS": f"{config.wake_periods}u",
         "SW_PROVEN_PERIODS": f"{check.proven}u",
         "SW_FIRST_PERIOD": f"{config.first_period}u",
-        "SW_LEAST_GAIN": config.least_gain,
-        "SW_MOST_SWING": config.most_swing,
+        **_named("SW", config, "least_gain", "most_swing"),
         "SW_BENEFIT_DOUBT": f"{config.doubt_periods}u",
         "SW_PATIENCE": f"{check.patience}u",
         "SW_MOVED": benefit_check.MOVED,
@@ -242,7 +230,5 @@ def _of_benefit_check(check: BenefitCheck | None) -> dict[str, int | float | str
 
 
 def _calibration(values: Calibration) -> str:
-    *weights, action_limit, command_step = (
-        f"{np.format_float_scientific(np.float32(value), trim='0')}f" for value in values.values[:-1]
-    )
+    *weights, action_limit, command_step = (float_literal(np.float32(value)) for value in values.values[:-1])
     return f"{{{{{', '.join(weights)}}}, {action_limit}, {command_step}, {values.delay_steps}u}}"

@@ -35,7 +35,8 @@ from ecu.timing import StepTiming
 
 T = TypeVar("T")
 _HEADER: Final = "sw_ecu.h"
-_RANGES: Final = {"uint32_t": (0, 2**32 - 1), "int64_t": (-(2**63), 2**63 - 1)}
+_MOST: Final = 2**32 - 1
+_RANGES: Final = {"uint32_t": (0, _MOST), "int64_t": (-(2**63), 2**63 - 1)}
 """Ranges of counts and of times in C."""
 # An opaque type can replace the scratch memory: only `numbers`, which Python does not read, follows it in `sw_ecu`.
 _STANDING_IN: Final = {
@@ -92,13 +93,9 @@ class Structs:
 
     def frame(self, found: Any) -> Frame:
         """Return the frame in a `sw_frame`; raise ValueError if no CAN controller could send this frame."""
-        return Frame(
-            frame_id=found.id,
-            data=bytes(self.ffi.buffer(found.data, found.length)),
-            timestamp_ns=found.timestamp_ns,
-            is_fd=bool(found.is_fd),
-            is_extended=bool(found.is_extended),
-        )
+        data, stamp_ns = bytes(self.ffi.buffer(found.data, found.length)), found.timestamp_ns
+        is_fd, is_extended = bool(found.is_fd), bool(found.is_extended)
+        return Frame(frame_id=found.id, data=data, timestamp_ns=stamp_ns, is_fd=is_fd, is_extended=is_extended)
 
     def surround(
         self, surroundings: Any, health: BusHealth, *, fault: Reason | None = None, updating: bool = False
@@ -112,25 +109,24 @@ class Structs:
         if forces is not None and self._serves_speeds:
             # The plan's forces are in units of the newest row's speed; the trace is in units of the design speed.
             forces = forces * list(ecu.state.memory.past.speeds)[-1] ** 2
-        return Trace(
-            mode=_MODES[ecu.state.fail_safe.mode].on_wire,
-            action=ecu.trace.action,
-            forces=forces,
-            interventions=Intervention(ecu.trace.interventions),
-        )
+        mode, interventions = _MODES[ecu.state.fail_safe.mode].on_wire, Intervention(ecu.trace.interventions)
+        return Trace(mode=mode, action=ecu.trace.action, forces=forces, interventions=interventions)
 
     def state(self, state: Any) -> EcuState:
         """Return the state in a `sw_ecu_state`. C stores only whether the CAN controller is bus-off, no other error
         state. Raises ValueError or IndexError if a value is not in its enumeration."""
         memory, sensors, fail_safe, timing = state.memory, state.sensors, state.fail_safe, state.timing
+        under_way = DelayLine(tuple(memory.under_way)[: memory.frozen + 1])
+        past = self._read(Past, memory.past) if self._serves_speeds else None
         nothing = np.full(self._array(sensors.residual).shape, np.nan)
+        residual = self._array(sensors.residual) if sensors.judged else nothing
+        readings = self._array(sensors.readings) if sensors.has_read else nothing[0]
+        set_aside = None if sensors.set_aside < 0 else sensors.set_aside
+        step_ns = timing.step_ns if timing.has_step else None
+        until_ns = state.other_ecu.until_ns if state.other_ecu.is_there else None
+        bus = BusState.BUS_OFF if state.health.is_bus_off else BusState.ERROR_ACTIVE
         return EcuState(
-            memory=self._read(
-                ControllerMemory,
-                memory,
-                under_way=DelayLine(tuple(memory.under_way)[: memory.frozen + 1]),
-                past=self._read(Past, memory.past) if self._serves_speeds else None,
-            ),
+            memory=self._read(ControllerMemory, memory, under_way=under_way, past=past),
             fail_safe=self._read(FailSafe, fail_safe, mode=_MODES[fail_safe.mode], reason=Reason(fail_safe.reason)),
             pressures=_received(state.pressures),
             verifier=self._verified(state.pressures),
@@ -138,41 +134,22 @@ class Structs:
             speed=self._speed(state.speed) if self._serves_speeds else SpeedState(),
             commands=SenderState(counter=state.command_counter),
             statuses=SenderState(counter=state.status_counter),
-            timing=self._read(
-                StepTiming,
-                timing,
-                step_ns=timing.step_ns if timing.has_step else None,
-                fault=Reason(timing.fault) or None,
-            ),
-            other_ecu=self._read(
-                OtherEcu, state.other_ecu, until_ns=state.other_ecu.until_ns if state.other_ecu.is_there else None
-            ),
+            timing=self._read(StepTiming, timing, step_ns=step_ns, fault=Reason(timing.fault) or None),
+            other_ecu=self._read(OtherEcu, state.other_ecu, until_ns=until_ns),
             pressure_ns=state.pressure_ns if state.has_pressures else None,
             pressure_counter=state.pressure_counter if state.has_pressures else None,
             overruns=state.overruns,
             missed=state.missed,
-            sensors=self._read(
-                SensorCheckState,
-                sensors,
-                residual=self._array(sensors.residual) if sensors.judged else nothing,
-                readings=self._array(sensors.readings) if sensors.has_read else nothing[0],
-                set_aside=None if sensors.set_aside < 0 else sensors.set_aside,
-            ),
+            sensors=self._read(SensorCheckState, sensors, residual=residual, readings=readings, set_aside=set_aside),
             benefit=self._read(BenefitCheckState, state.benefit),
-            health=self._read(
-                BusHealth, state.health, state=BusState.BUS_OFF if state.health.is_bus_off else BusState.ERROR_ACTIVE
-            ),
+            health=self._read(BusHealth, state.health, state=bus),
         )
 
     def _speed(self, speed: Any) -> SpeedState:
-        return self._read(
-            SpeedState,
-            speed,
-            ratio=speed.ratio if speed.known else None,
-            receiver=_received(speed.receiver),
-            verifier=self._verified(speed.receiver),
-            air=self._read(AirSpeedState, speed.air) if hasattr(speed, "air") else AirSpeedState(),
-        )
+        ratio = speed.ratio if speed.known else None
+        receiver, verifier = _received(speed.receiver), self._verified(speed.receiver)
+        air = self._read(AirSpeedState, speed.air) if hasattr(speed, "air") else AirSpeedState()
+        return self._read(SpeedState, speed, ratio=ratio, receiver=receiver, verifier=verifier, air=air)
 
     def _verified(self, receiver: Any) -> VerifierState:
         """Return the authentication state of a `sw_receiver`; if the library has no key, return the power-on state."""
@@ -200,13 +177,8 @@ class Structs:
         """Fill in a `sw_ecu_state`. Counts saturate. A library without a key has no state of authentication."""
         self.ffi.buffer(pointer)[:] = bytes(self.ffi.sizeof("sw_ecu_state"))
         state, memory, sensors = pointer[0], value.memory, value.sensors
-        self._fill(
-            state,
-            value,
-            command_counter=value.commands.counter,
-            status_counter=value.statuses.counter,
-            has_pressures=value.pressure_ns is not None,
-        )
+        commands, statuses, has = value.commands.counter, value.statuses.counter, value.pressure_ns is not None
+        self._fill(state, value, command_counter=commands, status_counter=statuses, has_pressures=has)
         frozen, actions = len(memory.under_way.pending), list(memory.under_way.values)
         self._fill(state.memory, memory, plan=memory.plan.astype(np.float32), frozen=frozen, under_way=actions)
         judged, has_read = not np.isnan(sensors.residual).any(), not np.isnan(sensors.readings).any()
@@ -216,7 +188,7 @@ class Structs:
             set_aside=-1 if sensors.set_aside is None else sensors.set_aside,
             judged=judged,
             has_read=has_read,
-            flat=np.minimum(sensors.flat, _RANGES["uint32_t"][1]).astype(np.uint32),
+            flat=np.minimum(sensors.flat, _MOST).astype(np.uint32),
             residual=sensors.residual if judged else None,
             readings=sensors.readings if has_read else None,
         )
@@ -252,14 +224,10 @@ class Structs:
                 setattr(place, name, content)
 
     def _set_received(self, receiver: Any, value: ReceiverState, verifier: VerifierState) -> None:
+        stream, has_counter = _STREAMS.index(value.stream), value.last_counter is not None
+        window, counts = [item.value for item in value.window], [min(item, _MOST) for item in value.counts]
         self._fill(
-            receiver,
-            value,
-            stream=_STREAMS.index(value.stream),
-            has_counter=value.last_counter is not None,
-            checks=len(value.window),
-            window=[item.value for item in value.window],
-            counts=[min(item, _RANGES["uint32_t"][1]) for item in value.counts],
+            receiver, value, stream=stream, has_counter=has_counter, checks=len(window), window=window, counts=counts
         )
         if self._has_key:
             self._fill(receiver.verifier, verifier)
@@ -300,12 +268,10 @@ def fill_frame(place: Any, frame: Frame) -> None:
 
 
 def _received(receiver: Any) -> ReceiverState:
-    return ReceiverState(
-        stream=_STREAMS[receiver.stream],
-        last_counter=receiver.last_counter if receiver.has_counter else None,
-        window=tuple(map(FrameCheck, list(receiver.window)[: receiver.checks])),
-        counts=tuple(receiver.counts),
-    )
+    counter = receiver.last_counter if receiver.has_counter else None
+    window = tuple(map(FrameCheck, list(receiver.window)[: receiver.checks]))
+    stream, counts = _STREAMS[receiver.stream], tuple(receiver.counts)
+    return ReceiverState(stream=stream, last_counter=counter, window=window, counts=counts)
 
 
 def c_time(value: int) -> int:

@@ -61,7 +61,6 @@ def preprocessed(source: Path, *, compiler: Sequence[str], flags: Sequence[str])
 
 
 def _checked(command: list[str], folder: str | None) -> str:
-    """Return the output of a command; raise LibraryError with the first error message if it fails."""
     done = _run(command, folder)
     if done.returncode != 0:
         complaints = done.stderr.strip().splitlines() or [f"ended with status {done.returncode}"]

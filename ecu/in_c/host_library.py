@@ -59,17 +59,11 @@ class CController(NeverCopied):
         if (looks := getattr(self._library, "sw_arithmetic", None)) is not None and (status := looks()) != _OK:
             raise LibraryError(f"the compiled library does not run: {REFUSALS[status]} ({' '.join(flags)})")
         self.description = f"{compiler_version(command)}, {' '.join(flags)}"
-        horizon = sizes.horizon
-        number = ctypes.c_float
+        horizon, number = sizes.horizon, ctypes.c_float
         steps, terms = number * horizon, number * len(TERMS)
+        window = (number * (sizes.sensors + 1)) * sizes.window
         self._input = _structure(
-            "sw_input",
-            window=(number * (sizes.sensors + 1)) * sizes.window,
-            plan=steps,
-            free=steps,
-            weights=terms,
-            speed=number,
-            limit=number,
+            "sw_input", window=window, plan=steps, free=steps, weights=terms, speed=number, limit=number
         )
         self._output = _structure("sw_output", plan=steps, forces=(number * FORCES) * horizon, terms=terms, cost=number)
         reset(ctypes.byref(self._input))
@@ -106,10 +100,8 @@ class CController(NeverCopied):
         self._weights[:] = self._default_weights if weights is None else weights
         self._input.speed = speed
         self._input.limit = self._default_limit if limit is None else limit
-        status = self._step(
-            ctypes.c_void_p(self._workspace.ctypes.data), ctypes.byref(self._input), ctypes.byref(self._output)
-        )
-        self._check(status)
+        workspace = ctypes.c_void_p(self._workspace.ctypes.data)
+        self._check(self._step(workspace, ctypes.byref(self._input), ctypes.byref(self._output)))
         found = self._output
         arrays = {name: np.array(getattr(found, name), dtype=np.float64) for name in ("plan", "forces", "terms")}
         return ControlStep(**arrays, cost=float(found.cost))
@@ -119,9 +111,8 @@ class CController(NeverCopied):
         step in `sw_known_answer.c`. Raises LibraryError if the build fails, ControllerError if the step fails."""
         contents, sizes, command = self._made_of
         exact = CController(contents, sizes, compiler=command, flags=EXACT)
-        workspace, given, found = exact._workspace.ctypes.data, exact._input, exact._output
-        status = exact._library.sw_known_answer(ctypes.c_void_p(workspace), ctypes.byref(given), ctypes.byref(found))
-        self._check(status)
+        workspace, given, found = ctypes.c_void_p(exact._workspace.ctypes.data), exact._input, exact._output
+        self._check(exact._library.sw_known_answer(workspace, ctypes.byref(given), ctypes.byref(found)))
         return found.plan[0], found.cost
 
     @staticmethod
@@ -164,11 +155,9 @@ def check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> st
         dbc = header.text("SW_DBC_SHA256")
     except (LibraryError, UnicodeDecodeError) as error:
         raise LibraryError(f"library {folder}: {error}") from error
-    if program != manifest.program_sha256:
-        raise LibraryError(
-            f"library {folder}: it computes program {program[:12]}, but bundle {manifest.name!r} has program "
-            f"{manifest.program_sha256[:12]}; write library and bundle with one `stillwake export --c`"
-        )
+    if program != (own := manifest.program_sha256):
+        wrong = f"it computes program {program[:12]}, but bundle {manifest.name!r} has program {own[:12]}"
+        raise LibraryError(f"library {folder}: {wrong}; write library and bundle with one `stillwake export --c`")
     expected = [manifest.window, manifest.mpc.horizon, " ".join(manifest.sensors), len(manifest.sensors)]
     if sizes != [str(size) for size in expected]:
         raise LibraryError(f"library {folder}: {PROGRAM_SETTINGS} was altered: its sizes are not the program's sizes")

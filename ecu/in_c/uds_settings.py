@@ -7,12 +7,12 @@ from typing import Any, Final
 
 from can_bridge.calibration import daq, xcp, xcp_slave
 from can_bridge.calibration.segment import ADDRESS
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.isotp import endpoint
 from can_bridge.uds import fault_codes, fault_memory, security, server, services
-from can_bridge.uds.fault_memory import FaultReport
 from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
 from contract.config.vehicle import BusConfig
+from contract.controller.c_folder import generated_header
 from contract.release.checks import dbc_sha256
 from ecu.flashable.links import MOST_FRAMES, XCP_PLACES, isotp_settings
 from ecu.flashable.watched_control import REMEMBERED_NS
@@ -21,7 +21,7 @@ UDS_SETTINGS: Final = "sw_uds_settings.h"
 _ISOTP: Final = isotp_settings(BusConfig())
 _NUMBERED: Final[Mapping[str, type[IntEnum]]] = {
     "SERVICE": Service, "SESSION": Session, "NRC": Nrc, "ROUTINE": Routine, "DID": Did, "LEVEL": Level,
-    "REPORT": FaultReport,
+    "REPORT": fault_memory.FaultReport,
 }  # fmt: skip
 
 
@@ -69,11 +69,7 @@ def uds_settings() -> bytes:
         "DBC_SHA256_BYTES": "{" + ", ".join(map(str, bytes.fromhex(dbc_sha256()))) + "}",
     }
     found = {name: f"{value:#x}u" for name, value in numbers.items()} | texts
-    lines = "\n".join(f"#define SW_{name} {value}" for name, value in found.items())
-    return (
-        "/* Generated: the numbers of diagnosis. */\n"
-        f"#ifndef SW_UDS_SETTINGS_H\n#define SW_UDS_SETTINGS_H\n\n{lines}\n\n#endif\n"
-    ).encode()
+    return generated_header(UDS_SETTINGS, "the numbers of diagnosis", {f"SW_{name}": found[name] for name in found})
 
 
 def _of_xcp() -> dict[str, int]:

@@ -37,12 +37,8 @@ class Deadlines:
         late_ns = now_ns - self.grace_ns - (self.due_ns + self.period_ns)
         missed = max(0, -(-late_ns // self.period_ns))
         steps = 1 + missed
-        return replace(
-            self,
-            due_ns=self.due_ns + steps * self.period_ns,
-            number=self.number + steps,
-            left_out=self.left_out + missed,
-        )
+        due_ns = self.due_ns + steps * self.period_ns
+        return replace(self, due_ns=due_ns, number=self.number + steps, left_out=self.left_out + missed)
 
     def slewed(self, target_ns: int) -> Self:
         """Return the period, with its deadline closer to the phase of `target_ns` by at most period / LARGEST_SLEW."""

@@ -13,8 +13,7 @@ class Inbox:
     thread calls `stamp`, which returns the arrival in ns. If `room` frames wait, a new frame replaces the oldest."""
 
     def __init__(self, stamp: Callable[[Frame], int], *, room: int) -> None:
-        self._stamp = stamp
-        self._lock = Lock()
+        self._stamp, self._lock = stamp, Lock()
         self._frames: deque[Frame] = deque(maxlen=room)
         self._room = room
         self.received = self.dropped = 0

@@ -14,7 +14,6 @@ from typing import Any, Final, NamedTuple
 PRIORITY: Final = 50
 """Priority under SCHED_FIFO, 1 to 99. It is above every ordinary process, and equal to the priority of most interrupt
 threads in the kernel (50), so that the threads of the CAN driver still run."""
-LOWEST_PRIORITY: Final = 1
 TIMER_SLACK_NS: Final = 1
 """Timer slack in ns. By default, Linux wakes ordinary processes up to 50 us late, to wake several of them together."""
 
@@ -69,7 +68,7 @@ def step_back() -> None:
     """Give this thread the lowest real-time priority, if it was started with a real-time priority. With an ordinary
     priority, any process could interrupt it while it holds the interpreter's lock, and so delay the control loop."""
     if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(LOWEST_PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
 
 
 def _attempt(what: str, ask: Callable[[ExitStack], None], undo: ExitStack) -> Privilege:

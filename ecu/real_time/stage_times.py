@@ -74,8 +74,7 @@ class StageTimes:
         self._blank = np.array([NOTHING if stage.name.endswith("COUNTER") else 0 for stage in stages], dtype=np.int64)
         # Every page of memory is written once here, so that the system provides it before the first control period.
         self._table = np.repeat(self._blank[np.newaxis], periods, axis=0)
-        self._begun = 0
-        self._row = self._table[0]
+        self._begun, self._row = 0, self._table[0]
 
     def begin(self) -> None:
         """Begin the row of the next period."""

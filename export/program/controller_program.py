@@ -29,13 +29,11 @@ from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeigh
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControllerProgram:
-    """The encoder, the latent dynamics, the force decoder and the optimiser's settings. Raises ExportError if parts are
-    inconsistent; the message names the part.
+    """The networks (paper, table 1) and the optimiser's settings. Raises ExportError if parts are inconsistent; the
+    message names the part.
 
     Attributes:
-        encoder, dynamics, decoder: the networks (paper, table 1).
         scaling: pressures and forces are scaled as (value - mean) / std, actions as a / action_std.
-        mpc: horizon H, iterations, learning rate, default cost weights.
         action_limit: bound on the action's magnitude |a|, in U_inf W.
         sensors: names of the sensors, in the order of the window's columns.
         encoder_rows: number of the window's newest rows that the encoder reads.
@@ -58,11 +56,9 @@ class ControllerProgram:
         for other, latent in (("dynamics", self.dynamics.latent), ("decoder", self.decoder.latent)):
             if latent != self.encoder.latent:
                 raise ExportError(f"{other}: the latent size is {latent}, but the encoder's is {self.encoder.latent}")
-        if self.encoder.inputs != len(self.sensors) + 1:
-            raise ExportError(
-                f"encoder.lstm.weight_ih_l0: has {self.encoder.inputs} inputs, but must have {len(self.sensors) + 1} "
-                f"(the sensors and the action)"
-            )
+        if self.encoder.inputs != (needed := len(self.sensors) + 1):
+            inputs = f"{self.encoder.inputs} inputs, but must have {needed} (the sensors and the action)"
+            raise ExportError(f"encoder.lstm.weight_ih_l0: has {inputs}")
         if self.prior is not None and self.prior.memory < 2:
             raise ExportError(f"prior.filters: has {self.prior.memory} rows, but must have at least 2")
         if self.prior is not None and 2 * self.prior.pairs != len(self.sensors):
@@ -72,8 +68,7 @@ class ControllerProgram:
 
     @property
     def window(self) -> int:
-        """L, the number of past control steps in the window. The encoder and the prior may read different numbers of
-        rows; L is the larger number."""
+        """L, the number of past control steps in the window: the larger number of those that encoder and prior read."""
         return max(self.encoder_rows, 0 if self.prior is None else self.prior.memory)
 
     @property
@@ -128,7 +123,6 @@ def matrices(program: ControllerProgram) -> dict[str, Array]:
 
 def map_matrices(program: ControllerProgram, change: Callable[[str, Array], Array]) -> ControllerProgram:
     """Return the program with every matrix replaced by `change(name, matrix)`; all other parts are unchanged."""
-
     prior = program.prior
     if prior is not None:
         first, sums = prior.first, prior.sums
@@ -152,8 +146,7 @@ def _mapped(part: Any, name: str, change: Callable[[str, Array], Array]) -> Any:
 
 
 def program_sha256(program: ControllerProgram) -> str:
-    """Return a program's SHA-256 in hex. The hash covers every setting, and the name and float64 values (little-endian)
-    of every weight array."""
+    """Return a program's SHA-256 in hex. It covers every setting, and name and float64 values of every weight array."""
     digest = hashlib.sha256()
     parts = ("scaling", "mpc", "encoder", "dynamics", "decoder")
     settings: dict[str, Any] = {name: asdict(getattr(program, name)) for name in parts}
@@ -165,8 +158,8 @@ def program_sha256(program: ControllerProgram) -> str:
 
 
 def _as_trained(prior: PriorWeights) -> dict[str, Array]:
-    """Return the prior's weights for the schedule variables in the form that is hashed. If the weights for speeds below
-    and above the design speed are equal, they are hashed once, so a model with one speed variable keeps its hash."""
+    """Return the prior's weights in the form that is hashed. If the weights for speeds below and above the design speed
+    are equal, they are hashed once, so a model with one speed variable keeps its hash."""
     first, gate, (below, above) = prior.first, prior.gate, SPEED_PLACES
     if np.array_equal(first[below], first[above]) and np.array_equal(gate[:, below], gate[:, above]):
         first, gate = np.delete(first, above, axis=0), np.delete(gate, above, axis=1)
@@ -193,8 +186,7 @@ def recorded_windows(
 
 def random_window(program: ControllerProgram, rng: np.random.Generator) -> Array:
     """Return a random window (L, S+1) that varies about as fast as recorded windows: each column is a sum of a few slow
-    sines. Pressures have the mean and standard deviation of the program's scaling; actions are within the program's
-    limit."""
+    sines. Pressures have the mean and standard deviation of the program's scaling; actions are within its limit."""
     columns = len(program.sensors) + 1
     t = np.arange(program.window)[:, None, None]
     frequency = rng.uniform(0.01, 0.1, (1, columns, 3))

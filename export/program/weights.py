@@ -19,7 +19,6 @@ from contract.errors import ExportError
 
 StateDict = Mapping[str, npt.NDArray[Any]]
 """Tensors by name, as in a PyTorch state dict."""
-
 LAYER_NORM_EPSILON: Final = 1e-5
 """Number added to the variance in every layer norm; PyTorch's default."""
 
@@ -42,8 +41,7 @@ class Norm:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lstm:
-    """An LSTM of width h with S + 1 inputs: weight_input (4h, S+1), weight_recurrent (4h, h), biases (4h,). The gates
-    are in PyTorch's order: i, f, g, o."""
+    """An LSTM of width h with S + 1 inputs: weights (4h, S+1) and (4h, h), biases (4h,), gates i, f, g, o."""
 
     weight_input: Array
     weight_recurrent: Array
@@ -58,8 +56,7 @@ class Lstm:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EncoderWeights:
-    """The encoder: an LSTM, a layer norm of the LSTM's last hidden state, then two linear layers with an ELU between
-    them."""
+    """The encoder: an LSTM, a layer norm of its last hidden state, then two linear layers with an ELU between them."""
 
     lstm: Lstm
     norm: Norm
@@ -176,8 +173,7 @@ class PriorWeights:
         filters: (M, F) weights of the rows in F filters, oldest row first; the n units read the F filtered rows.
         first: (6, n, F, p + 1) weights of each unit on the filtered rows, for each of the 6 variables in
             `contract.controller.goal.SCHEDULED`.
-        gate: (n, 6) weights of each unit's gate on the variables in `SCHEDULED`.
-        sums: (n, F, p) weights of each unit's gate on the filtered sums of Cp in the pairs.
+        gate, sums: (n, 6) and (n, F, p) weights of each unit's gate on these variables and on the filtered sums of Cp.
         output: (n,) weights with which the gated units are summed.
         predictor: (p, M, p + 1) weights that predict the next differences from the M rows up to the present row.
     """
@@ -249,8 +245,7 @@ class PriorWeights:
 
 
 class _Tensors:
-    """A reader of a network's tensors. It checks and returns each tensor once, and records which tensors were not
-    read."""
+    """A reader of a network's tensors. It checks each tensor, and records which were not read."""
 
     def __init__(self, network: str, state: StateDict) -> None:
         self._network = network
@@ -296,8 +291,7 @@ class _Tensors:
 
 
 def as_float32(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float32]:
-    """Round values to float32, the precision of every lowering. Raises ExportError, with the name, if a value is not
-    finite in float32."""
+    """Round values to float32, as every lowering does. Raises ExportError, with the name, if one is not finite."""
     with np.errstate(over="ignore"):
         array = np.asarray(values, dtype=np.float64).astype(np.float32)
     if not np.isfinite(array).all():
@@ -306,7 +300,6 @@ def as_float32(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float32]:
 
 
 def float32_within(limit: float) -> float:
-    """Return the largest float32 that is not above the limit. With this value as the limit, rounding moves no action
-    out of bounds."""
+    """Return the largest float32 that is not above the limit, so that rounding moves no action out of bounds."""
     rounded = np.float32(limit)
     return float(np.nextafter(rounded, np.float32(0.0)) if float(rounded) > limit else rounded)

@@ -33,8 +33,7 @@ def elu_adjoint(x: Array, dy: Array) -> Array:
 
 
 def layer_norm(norm: Norm, x: Array) -> Array:
-    """Compute y = g * xhat + b with xhat = (x - mean(x)) / sqrt(var(x) + 1e-5), where var(x) is the sum of squares
-    divided by n (not n - 1)."""
+    """Compute y = g * xhat + b with xhat = (x - mean(x)) / sqrt(var(x) + 1e-5), where var(x) is divided by n."""
     normalised, _ = _normalise(x)
     return normalised * norm.weight + norm.bias
 
@@ -62,8 +61,7 @@ def _normalise(x: Array) -> tuple[Array, Array]:
 
 class EncoderLayers(NamedTuple):
     """The inputs of the encoder's layers: the n scaled rows (..., n, S+1) that the encoder reads; hidden state h before
-    each row, (..., n, width), starting at 0; `head`, LayerNorm(h) after the last row; and the input of the last
-    linear layer, after the ELU."""
+    each row, (..., n, width), starting at 0; `head`, LayerNorm(h) after the last row; and the last layer's input."""
 
     rows: Array
     recurrent: Array
@@ -72,8 +70,7 @@ class EncoderLayers(NamedTuple):
 
 
 class NormedLayer(NamedTuple):
-    """The values in a layer ELU(LN(W x + b)): input x (..., inputs), W x + b, its layer norm, and its ELU, each (...,
-    width)."""
+    """The values in a layer ELU(LN(W x + b)): input x (..., inputs); W x + b, its layer norm, its ELU, (..., width)."""
 
     x: Array
     product: Array
@@ -100,7 +97,7 @@ def encode(program: ControllerProgram, window: Array) -> Array:
 
 
 def encoder_layers(program: ControllerProgram, window: Array) -> EncoderLayers:
-    """Return the inputs of the encoder's layers for a window; the arguments are as in `encode`."""
+    """Return the inputs of the encoder's layers. The arguments are as in `encode`."""
     weights, scaling = program.encoder, program.scaling
     rows = np.asarray((window[..., -program.encoder_rows :, :] - scaling.window_mean) / scaling.window_std)
     h = _lstm(weights.lstm, rows)
@@ -124,8 +121,7 @@ def step_adjoint(program: ControllerProgram, z: Array, a: Array, dz_next: Array)
 
 
 def dynamics_layers(program: ControllerProgram, z: Array, a: Array) -> tuple[NormedLayer, NormedLayer]:
-    """Return the first two layers of the dynamics; the first layer's input is [z, a / action_std], (..., n_z + 1). The
-    arguments are as in `step`."""
+    """Return the first two layers of the dynamics; the input is [z, a / action_std]. Arguments are as in `step`."""
     weights = program.dynamics
     state = np.concatenate([z, np.asarray(a)[..., None] / program.scaling.action_std], axis=-1)
     first = NormedLayer.of(weights.input, weights.norm_in, state)
@@ -133,10 +129,8 @@ def dynamics_layers(program: ControllerProgram, z: Array, a: Array) -> tuple[Nor
 
 
 def decode(program: ControllerProgram, z: Array) -> Array:
-    """Compute (Cd, Cl) = force_mean + force_std f_dec(z); (..., n_z) -> (..., 2).
-
-    f_dec: x = W_0 z + b_0, then x <- x + ELU(LN(W_i x + b_i)) for every block, then W_out x + b_out.
-    """
+    """Compute (Cd, Cl) = force_mean + force_std f_dec(z); (..., n_z) -> (..., 2). f_dec: x = W_0 z + b_0, then x <- x +
+    ELU(LN(W_i x + b_i)) for every block, then W_out x + b_out."""
     scaled = linear(program.decoder.output, decoder_layers(program, z)[1])
     return scaled * program.scaling.force_std + program.scaling.force_mean
 

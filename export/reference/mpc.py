@@ -9,20 +9,9 @@ plan, or once for all plans. Cost weights are (8,); None stands for the program'
 of the cost's term `prior`; without `start` this term is zero.
 
 The cost J is the sum over separate, named terms of weight * term, in physical units, with hand-written gradients
-(paper, equations 12-15). The terms depend on the predicted forces (Cd_k, Cl_k) at t+1 .. t+H, shape (..., H, 2), on the
-plan a_0 .. a_{H-1}, shape (..., H), on the plan p from which the optimiser started, and on the previous action a_{-1},
-shape (...,) or a single number:
-
-================  =======================================================
-drag_mean         mean Cd - Cd_ref
-drag_fluctuation  max Cd - min Cd
-lift              mean |Cl|
-lift_mean         (mean Cl)^2
-smoothness        sum over k = 0 .. H-2 of (a_{k+1} - a_k)^2 / (H - 1)
-effort            mean a^2
-rate              (a_0 - a_{-1})^2
-prior             mean (a - p)^2
-================  =======================================================
+(paper, equations 12-15; `cost_terms`). The terms depend on the predicted forces (Cd_k, Cl_k) at t+1 .. t+H, shape (...,
+H, 2), on the plan a_0 .. a_{H-1}, shape (..., H), on the plan p from which the optimiser started, and on the previous
+action a_{-1}, shape (...,) or a single number.
 
 Where a term has a kink, its gradient is the subgradient that PyTorch uses: equal maxima or minima share the gradient
 evenly, and |Cl| has slope 0 at 0.
@@ -78,8 +67,7 @@ def starting_plan(
     speed: float = 1.0,
     limit: float | None = None,
 ) -> Array:
-    """Return the plan from which the optimiser starts, (H,): the prior's plan or, without a prior, the shifted previous
-    plan."""
+    """Return the plan from which the optimiser starts, (H,): the prior's or, without one, the shifted previous plan."""
     shifted = shift(plan)
     if program.prior is None:
         return shifted
@@ -158,9 +146,8 @@ def optimise(
     m <- b1 m + (1 - b1) g, v <- b2 v + (1 - b2) g^2,
     a <- clip(a - lr (m / (1 - b1^i)) / (sqrt(v / (1 - b2^i)) + eps)).
 
-    Args:
-        free_mask: 1 where an action may be changed, 0 where it is committed.
-        limit: bound on |a|; if it is None or larger than the program's bound, the program's bound applies.
+    `free_mask` is 1 where an action may be changed, 0 where it is committed. `limit` is a bound on |a|; if it is None
+    or larger than the program's bound, the program's bound applies.
     """
     beta1, beta2 = ADAM_BETAS
     mpc, is_free, bound = program.mpc, np.asarray(free_mask) > 0.5, _bound(program, limit)
@@ -187,8 +174,7 @@ def _weights(program: ControllerProgram, weights: Array | None) -> Array:
 def cost_terms(
     forces: Array, plan: Array, previous_action: Array | float, drag_reference: float, start: Array | None = None
 ) -> Array:
-    """Return the unweighted terms, shape (..., 8), in the order of `TERMS`. Without `start` the term `prior` is
-    zero."""
+    """Return the unweighted terms, shape (..., 8), in the order of `TERMS`. Without `start`, `prior` is zero."""
     cd, cl = forces[..., 0], forces[..., 1]
     terms = {
         "drag_mean": cd.mean(axis=-1) - drag_reference,
@@ -212,14 +198,11 @@ def cost_gradient(
     weight = dict(zip(TERMS, weights, strict=True))
     horizon = plan.shape[-1]
     cd, cl = forces[..., 0], forces[..., 1]
-
     d_cd = weight["drag_mean"] * np.full_like(cd, 1.0 / horizon)
     highest, lowest = cd.max(axis=-1, keepdims=True), cd.min(axis=-1, keepdims=True)
     d_cd += weight["drag_fluctuation"] * (_share(cd == highest) - _share(cd == lowest))
-
     d_cl = weight["lift"] * np.sign(cl) / horizon
     d_cl += weight["lift_mean"] * 2.0 * cl.mean(axis=-1, keepdims=True) / horizon
-
     d_plan = weight["effort"] * 2.0 * plan / horizon
     if start is not None:
         d_plan += weight["prior"] * 2.0 * (plan - start) / horizon
@@ -227,7 +210,6 @@ def cost_gradient(
     d_plan[..., 1:] += weight["smoothness"] * 2.0 * increments / (horizon - 1)
     d_plan[..., :-1] -= weight["smoothness"] * 2.0 * increments / (horizon - 1)
     d_plan[..., 0] += weight["rate"] * 2.0 * (plan[..., 0] - previous_action)
-
     return np.stack([d_cd, d_cl], axis=-1), d_plan
 
 

@@ -33,16 +33,10 @@ def prior_plan(
     goal: Goal = OWN,
     limit: float = np.inf,
 ) -> Array:
-    """Compute the plan (H,) from which the optimiser starts.
-
-    Args:
-        window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first; L is at least the prior's memory.
-        committed: (H,) actions of the plan; they apply where `free` is 0.
-        free: (H,) 1 where the prior decides the action, 0 elsewhere.
-        reach: A, the program's bound on |a|, in U_inf W.
-        speed: speed of the vehicle, as a ratio to the design speed.
-        limit: bound on |a| in this control step, in U_inf W.
-    """
+    """Compute the plan (H,) from which the optimiser starts, from a window (L, S+1) of rows (Cp_k, a_{k-1}), oldest
+    first; L is at least the prior's memory. `committed` (H,) are the plan's actions; they apply where `free` (H,) is 0,
+    and the prior decides where it is 1. `reach` is A, the program's bound on |a|, and `limit` the bound in this control
+    step, both in U_inf W. `speed` is the vehicle's, as a ratio to the design speed."""
     past, y = past_of(window, prior.memory)
     scheduled = np.array(schedule(speed, goal))
     hidden = np.tensordot(scheduled, prior.first, axes=1)

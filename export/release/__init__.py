@@ -1,2 +1,1 @@
-"""The export of a model folder as a release: the program is converted to ONNX and C, the results are checked, and files
-are written."""
+"""The export of a model folder as a release: the program is converted to ONNX and C, checked, and written."""

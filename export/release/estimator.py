@@ -1,5 +1,4 @@
-"""The preparation of a sensor estimator for a bundle: the fitted network is rounded and converted to ONNX, and its
-residuals are measured."""
+"""The preparation of a sensor estimator for a bundle: the network is rounded and lowered, its residuals measured."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,11 +19,9 @@ def lowered_estimator(
 ) -> MadeEstimator:
     """Return the estimator of these sensors for a bundle, with the root mean squares of its residuals. As in the sensor
     check, the residuals are first averaged over time. The residuals come from the episodes that were not used for
-    training or, if there are none, from the training episodes.
-
-    The provenance gets two more entries: `r2`, the coefficient of determination of each sensor's estimate from the
-    other sensors, and `judged_on`, the roles of the measured episodes.
-    """
+    training or, if there are none, from the training episodes. The provenance gets two more entries: `r2`, the
+    coefficient of determination of each sensor's estimate from the other sensors, and `judged_on`, the roles of the
+    measured episodes."""
     rounded = rounded_estimator(fitted)
     network, window, columns = rounded.network, fitted.window, recording.layout.indices(sensors)
     unseen = [item for item in recording.episodes if item.role != "train" and len(item) > window + SLOW_PERIODS]
@@ -34,20 +31,16 @@ def lowered_estimator(
     alone = np.concatenate([np.einsum("nii->ni", item) for item in residuals])
     spread = np.concatenate([rows[window - 1 :, :-1] for rows in judged]).var(axis=0)
     r2 = 1.0 - np.square(alone).mean(axis=0) / spread
+    measured = {"judged_on": tuple(sorted({item.role for item in used}))}
     return MadeEstimator(
         graph=build_estimator(rounded).SerializeToString(),
         figures=SensorEstimator(fast=_deviation(residuals, FAST_PERIODS), slow=_deviation(residuals, SLOW_PERIODS)),
-        provenance={
-            **provenance,
-            "judged_on": tuple(sorted({item.role for item in used})),
-            "r2": dict(zip(sensors, r2.tolist(), strict=True)),
-        },
+        provenance={**provenance, **measured, "r2": dict(zip(sensors, r2.tolist(), strict=True))},
     )
 
 
 def _residuals(network: EstimatorNetwork, rows: Array) -> Array:
-    """Compute the residuals over n rows, (n - L + 1, S, S). Entry [., j, i] is the residual of sensor i, whose estimate
-    uses neither sensor j nor sensor i."""
+    """Compute residuals (n - L + 1, S, S): [., j, i] is the one of sensor i, estimated without the sensors j and i."""
     hypotheses = Hypotheses.of(network.sensors)
     windows = np.lib.stride_tricks.sliding_window_view(rows, network.window, axis=0).transpose(0, 2, 1)
     found = [hypotheses.residuals(window[-1, :-1], network.estimates(window)) for window in windows]

@@ -1,5 +1,5 @@
-"""The gates (checks) for a program's lowerings (the ONNX graph and, on request, the C library). Lowerings are built
-in memory. Only lowerings that have passed every gate are written to files."""
+"""The gates (checks) for a program's lowerings: the ONNX graph and, on request, the C library. Lowerings are built in
+memory; only lowerings that have passed every gate are written to files."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,15 +9,8 @@ from contract.arrays import Array
 from contract.controller.interface import CompileLibrary
 from contract.release.manifest import WeightPrecision
 from contract.runtime.onnx_session import OnnxController
-from export.gates import (
-    QUANTISATION_LIMITS,
-    Answer,
-    Figures,
-    check_lowering,
-    check_quantisation,
-    compare_answers,
-    exact_answers,
-)
+from export import gates
+from export.gates import Answer, Figures, check_lowering, check_quantisation
 from export.int8 import Program, RoundedProgram, effective, precision_of
 from export.program.controller_program import ControllerProgram, program_sha256
 from export.reference.mpc import control_step
@@ -68,15 +61,11 @@ class GraphReport:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LibraryReport:
-    """The results of the C library in its gates.
-
-    Attributes:
-        parity: differences between a float32 library and the reference; None for int8.
-        quantisation: differences between an int8 library and the reference with float weights; None for float32.
-        workspace_bytes: size of the scratch memory that the caller provides, in bytes.
-        replayed: (n, 4) expected answers of the example program to n windows: action, mean Cd and Cl, cost.
-        known_answer: action and cost that a build must compute in its self-test when it starts.
-    """
+    """The results of the C library in its gates. `parity` has the differences between a float32 library and the
+    reference, and `quantisation` the differences between an int8 library and the reference with float weights.
+    `workspace_bytes` is the size of the scratch memory that the caller provides. `replayed` (n, 4) are the expected
+    answers of the example program to n windows: action, mean Cd and Cl, cost. `known_answer` has the action and the
+    cost that a build must compute in its self-test when it starts."""
 
     parity: Figures | None
     quantisation: Figures | None
@@ -97,7 +86,7 @@ class Gated:
 def gate(
     lowered: Lowered,
     windows: Sequence[Array],
-    limits: Mapping[str, float] = QUANTISATION_LIMITS,
+    limits: Mapping[str, float] = gates.QUANTISATION_LIMITS,
     *,
     compiled: CompileLibrary | None = None,
 ) -> Gated:
@@ -108,13 +97,12 @@ def gate(
     program = lowered.effective
     rounded = lowered.program if isinstance(lowered.program, RoundedProgram) else None
     # The exact control steps, which take longest to compute, are computed once for both lowerings.
-    exact = [] if rounded is None else exact_answers(rounded.source, windows)
+    exact = [] if rounded is None else gates.exact_answers(rounded.source, windows)
 
     def quantisation(answer: Answer, name: str) -> Figures | None:
-        """Compare int8 weights with float weights; return None for a float program."""
         if rounded is None:
             return None
-        figures = compare_answers(rounded.source, answer, windows, exact)
+        figures = gates.compare_answers(rounded.source, answer, windows, exact)
         check_quantisation(figures, limits, name=name)
         return figures
 

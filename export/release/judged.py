@@ -59,7 +59,6 @@ def check_model(content: bytes) -> int:
 
 
 def _nodes(graph: onnx.GraphProto) -> Iterator[onnx.NodeProto]:
-    """Yield all nodes, including the nodes in the bodies of Scans."""
     for node in graph.node:
         yield node
         for part in node.attribute:

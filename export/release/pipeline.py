@@ -1,5 +1,4 @@
-"""The export of a model folder as a release bundle and, on request, a C library. Every lowering has passed its gates
-before the first file is written."""
+"""The export of a model folder as a release bundle and, on request, a C library, after every gate."""
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -45,14 +44,9 @@ EXPORT_PHASES: Final = ("read", "round weights", "make and check", "write")
 
 @dataclass(frozen=True, kw_only=True)
 class CLibrary:
-    """The C library that an export writes.
-
-    Attributes:
-        compiled: compiles the library for its gate.
-        ecu: returns the files and documents of the ECU, which calls the control step. The function's arguments are the
-            written release and the folder's recorded rows (n, S+1). None for a folder without ECU.
-        bill: returns the bill of materials, from all files of the folder and the release.
-    """
+    """The C library that an export writes. `compiled` compiles the library for its gate. `ecu` returns the files and
+    documents of the ECU, which calls the control step, from the written release and the folder's recorded rows (n,
+    S+1). `bill` returns the bill of materials, from all files of the folder and the release."""
 
     folder: Path
     compiled: CompileLibrary
@@ -137,13 +131,10 @@ def export_all(
         notice: called with a line of text if the model was fitted to another recording.
         phase: called with each of `EXPORT_PHASES` when the phase begins.
 
-    Raises:
-        ModelError: the model directory is not valid.
-        DatasetError: the recording is not valid.
-        ExportError: the recording or its sensors do not fit the model, the settings have another control period or
-            action limit, the model's weights are inconsistent, or a lowering does not pass its gates.
-        LibraryError: there is no C compiler for a requested library.
-        StillwakeError: a file cannot be read or written.
+    Raises ModelError or DatasetError if the model directory or the recording is not valid; ExportError if the recording
+    or its sensors do not fit the model, the settings have another control period or action limit, the model's weights
+    are inconsistent, or a lowering does not pass its gates; LibraryError if there is no C compiler for a requested
+    library; StillwakeError if a file cannot be read or written.
     """
     if precision not in PRECISIONS:
         raise ExportError(f"--precision {precision}: must be int8 or float32")
@@ -168,12 +159,7 @@ def export_all(
 
 
 def export_library(
-    model: Path,
-    release: Bundle,
-    library: CLibrary,
-    *,
-    recording: Path,
-    phase: Callable[[str], None] = lambda name: None,
+    model: Path, release: Bundle, library: CLibrary, *, recording: Path, phase: Callable[[str], None] = lambda _: None
 ) -> Gated:
     """Write the C library of an existing release. The library is computed from the release's model and settings, and
     from the recording to which the model was fitted. Raises ExportError if `model` is not the release's model, or
@@ -205,7 +191,6 @@ def export_library(
 def _lowered(
     program: ControllerProgram, episodes: Dataset, precision: str, *, with_library: bool, phase: Callable[[str], None]
 ) -> tuple[Lowered, list[Array]]:
-    """Round and convert a program; return the graph and the library, and the windows for their gates."""
     windows = gate_windows(program, episodes.with_role("test"), episodes.layout)
     calibration: list[Array] = []
     if precision == "int8":
@@ -237,8 +222,7 @@ def check_settings(own: Config, config: Config) -> None:
 def _recording_of(
     path: Path, of_model: str, layout: SensorLayout, named: bool, notice: Callable[[str], None]
 ) -> Dataset:
-    """Read the recording for gates and calibration: the recording to which the model was fitted (SHA-256 `of_model`)
-    or, if the user named it, another recording with the model's sensors."""
+    """Read the recording to which the model was fitted, or another one with its sensors if the user named it."""
     recording = dataset.read(path)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     if digest != of_model:
@@ -263,16 +247,11 @@ def write_release(
     key: Ed25519PrivateKey | None = None,
     estimator: MadeEstimator | None = None,
 ) -> None:
-    """Write a release bundle, completely or not at all. Raises StillwakeError if the path cannot be written, or
-    contains something other than a bundle; BundleControllerError if the estimator is for other sensors or another
-    window.
-
-    Args:
-        trained: the model of the lowerings; the gates' figures are added to its provenance under `export`.
-        config: settings of the vehicle: operating point, control period, and time allowed for a control step.
-        key: key to sign the release with; the release is unsigned if None.
-        estimator: estimator of the release's sensors; without it, the ECU does not check its sensors.
-    """
+    """Write a release bundle of a trained model, completely or not at all; the gates' figures are added to the model's
+    provenance under `export`. `config` has the vehicle's operating point, control period, and time allowed for a
+    control step. Without `key` the release is unsigned; without `estimator` the ECU does not check its sensors. Raises
+    StillwakeError if the path cannot be written, or contains something other than a bundle; BundleControllerError if
+    the estimator is for other sensors or another window."""
     lowered, program, about = gated.lowered, gated.lowered.effective, trained.description
     positions = about.layout.positions[about.layout.indices(program.sensors)]
     # A prior that was trained for the design speed only, and a model without a prior, have no range of speeds. The
@@ -311,9 +290,8 @@ def write_release(
 
 
 def write_c_release(library: CLibrary, release: Bundle, gated: Gated, windows: Sequence[Array]) -> None:
-    """Write the library's folder, completely or not at all, with the rows of the consecutive recorded windows (L, S+1)
-    of L rows and S sensors. Raises LibraryError if the folder contains something other than a library; StillwakeError
-    if the folder cannot be written."""
+    """Write the library's folder, with the rows of consecutive recorded windows (L, S+1), completely or not at all.
+    Raises LibraryError if the folder contains anything else; StillwakeError if it cannot be written."""
     assert gated.lowered.library is not None
     assert gated.library is not None
     rows = rows_of(windows)

@@ -3,8 +3,7 @@
     python -m export.release.sbom 2026-11-26 WHEEL...
 
 This command writes a file next to each wheel, for `make packages`. Equal inputs give equal bytes: the day is an
-argument, and the serial number is computed from the content. The licence of a package is taken from the metadata of its
-installation.
+argument, and the serial number is computed from the content.
 """
 
 import re
@@ -38,8 +37,7 @@ OURS: Final = "MIT"
 
 def release_bom(bundle: Bundle, contents: Mapping[str, bytes]) -> bytes:
     """Return the bill of a verified release: its files, its controller's training data, and the software used.
-    `contents` has all files of the release by name, also the manifest and the signature. Raises BundleError if
-    a version in the provenance is not a text."""
+    `contents` has all files by name, also manifest and signature. Raises BundleError if a version is not a text."""
     manifest, licence, release = bundle.manifest, _licence(bundle), _release(bundle)
     learned, file = ComponentType.MACHINE_LEARNING_MODEL, ComponentType.FILE
     hashes = {name: sha256(data) for name, data in sorted(contents.items())}
@@ -141,7 +139,6 @@ def _part(
 
 
 def _installed(name: str, field: str) -> str | None:
-    """Return a field of an installed package's metadata; None if the package or the field is missing."""
     try:
         stated = metadata(name).get_all(field) or []
     except PackageNotFoundError:
@@ -154,7 +151,6 @@ def _installed(name: str, field: str) -> str | None:
 def _bom(
     parts: Sequence[Component], needs: Sequence[tuple[Component, Sequence[Component]]], digest: str, day: str
 ) -> bytes:
-    """Return the bill of materials of the first component in `needs`."""
     about = BomMetaData(component=needs[0][0], timestamp=datetime.fromisoformat(day).replace(tzinfo=UTC))
     version = _installed("stillwake", "Version")
     about.tools.components.add(Component(type=ComponentType.APPLICATION, name="stillwake", version=version))

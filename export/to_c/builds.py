@@ -1,5 +1,4 @@
-"""The descriptions of a library's folder for CMake, Zephyr, PlatformIO and CMSIS-Pack. All of them are generated from
-one list of sources."""
+"""The descriptions of a library's folder for CMake, Zephyr, PlatformIO and CMSIS-Pack, from one list of sources."""
 
 import json
 from collections.abc import Mapping
@@ -25,8 +24,7 @@ _APART: Final = ("board", "examples")
 """Folders with programs that are not part of the library."""
 _CLASS: Final = "Flow control"
 _FLAGS: Final = ("-O2", "-ffp-contract=off")
-"""Compiler flags with which C computes the same plans as the exporter, and the same decisions as the Python ECU, bit
-for bit."""
+"""Compiler flags with which C computes the same plans as the exporter, and the Python ECU's decisions, bit for bit."""
 _IN_WORDS: Final = {
     "controller": "one control step: a window of pressures in, a plan of the jets out",
     "ecu": "the ECU around the control step: CAN frames in and out",
@@ -37,12 +35,7 @@ _IN_WORDS: Final = {
 @dataclass(frozen=True, kw_only=True)
 class LibraryPart:
     """A part of a library that a build may leave out: the control step, the ECU, or the sources in a subfolder.
-
-    Attributes:
-        folder: path of the part's folder; "." for the library's folder itself.
-        needs: names of the other parts that this part needs.
-        sources, headers: paths of the part's files.
-    """
+    `folder` is "." for the library's folder itself; `needs` has the names of the parts that this part needs."""
 
     name: str
     folder: str

@@ -1,8 +1,5 @@
-"""The sizes and the weights of a release's sensor estimator as C source, for `ecu/c/sw_estimator.h`.
-
-Integers and scales are from the bundle's `sensors.onnx`. The matrices are int8 with one scale per output; biases,
-standardisation and the small last layer are float32.
-"""
+"""The sizes and the weights of a release's sensor estimator as C source, for `ecu/c/sw_estimator.h`. Its matrices are
+int8 with one scale per output, as in `sensors.onnx`; biases, standardisation and the small last layer are float32."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -21,10 +18,8 @@ from export.to_onnx.sensor_estimator import read_estimator
 
 SIZES: Final = "sw_estimator_settings.h"
 NUMBERS: Final = "sw_estimator_weights.c"
-
 ONE: Final = int(INT16_QMAX / REACH)
-"""Integer that represents 1: a flag that is set, or a reading one standard deviation above its mean. Readings within
-`REACH` fit into 16 bits."""
+"""Integer that represents 1: a set flag, or one standard deviation. Readings within `REACH` fit into 16 bits."""
 
 
 def estimator_files(content: bytes) -> dict[str, bytes]:

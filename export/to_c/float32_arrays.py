@@ -1,8 +1,7 @@
 """A program's parameters in the layout of the C sources (`export/to_c/sources/float32/sw_weights.h`).
 
 The numbers are derived in float64 and rounded once. Matrices are centred if a layer norm follows, the action's row is
-multiplied by 1 / action_std, and the two biases of the LSTM are added. Vectors are padded with zeros to whole
-registers.
+multiplied by 1 / action_std, and the two biases of the LSTM are added. Vectors are padded to whole registers.
 """
 
 from collections.abc import Mapping
@@ -22,10 +21,8 @@ from export.reference.mpc import ADAM_BETAS
 Integers = npt.NDArray[np.int32]
 ArrayValues = Array | npt.NDArray[np.int8] | Integers | npt.NDArray[np.uint32]
 """An array of numbers for C. Integers keep their type in C; float64 becomes float."""
-
 FLOAT32_LANES = 16
 """Number of float32 values in the widest vector register that compilers should be able to fill."""
-
 PRIOR_UNITS_AT_A_TIME = 8
 """Number of the prior's units that `sw_prior.c` computes together."""
 
@@ -54,7 +51,6 @@ def centred(values: Array) -> Array:
 
 
 def scaling_arrays(program: ControllerProgram) -> dict[str, Array]:
-    """Return the scaling of the window and of the forces, and the limits of the actions."""
     scaling = program.scaling
     return {
         "sw_window_mean": np.array(scaling.window_mean),
@@ -165,14 +161,12 @@ def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix])
 
 
 def _stored(matrix: Array, integers: Int8Matrix | None) -> tuple[Array | npt.NDArray[np.int8], Array]:
-    """Return the stored numbers of a matrix (outputs, inputs), and the scale of each output."""
     if integers is None:
         return matrix, np.ones(len(matrix))
     return integers.values, integers.scales.astype(np.float64)
 
 
 def _filled(by_unit: Any) -> Any:
-    """Append zeros for missing units, up to a multiple of `PRIOR_UNITS_AT_A_TIME` units."""
     return np.pad(by_unit, [(0, -len(by_unit) % PRIOR_UNITS_AT_A_TIME)] + [(0, 0)] * (by_unit.ndim - 1))
 
 
@@ -192,8 +186,7 @@ def prior_settings(prior: PriorWeights) -> dict[str, int | np.float32]:
 
 
 def _filter_ranges(prior: PriorWeights) -> Integers:
-    """Return two numbers for each of F filters, (F, 2): the first nonzero row, and the number of rows from the first to
-    the last nonzero row. A filter of zeros has one row."""
+    """Return the first nonzero row of each of F filters, and the number of rows from there to the last one, (F, 2)."""
     ranges = []
     for column in prior.filters.T:
         read = np.flatnonzero(column) if column.any() else np.zeros(1, int)

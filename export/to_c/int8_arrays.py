@@ -19,69 +19,45 @@ from export.to_c.float32_arrays import ArrayValues, Integers, optimiser_arrays, 
 
 _WORD: Final = 4
 """Number of int8 weights in a 32-bit word. A tile of a packed matrix has this number of rows, each of one word."""
-
 INT8_LANES: Final = 2 * _WORD
 """Number of weights in two words. Every length is padded to a multiple of this number. The constants of a layer are
 stored for this number of outputs at a time."""
-
 ACTIVATION_MARGIN: Final = 1.5
 """An activation's integer saturates at this multiple of the largest activation in the calibration."""
-
 AHEAD: Final = 16
 """Number of zeros after every matrix, because the C code loads weights ahead of their use."""
-
 INT16_QMAX: Final = 32767
-
 SUM_QMAX: Final = (2**31 - 1) // 127
 """Largest sum of a vector's magnitudes for which a dot product with int8 weights cannot overflow 32 bits."""
-
 FULL_RANGE_WIDTH: Final = SUM_QMAX // INT16_QMAX
 """Largest length of a vector of 16-bit numbers whose dot product with int8 weights cannot overflow 32 bits."""
-
 XHAT_QMAX: Final = 32767
 """The integer for the largest possible normalised value, which is sqrt(n) in a layer of width n."""
-
 POINTS_PER_UNIT: Final = 32
 """Number of table points per unit of the argument; between points the function is interpolated linearly."""
-
 ELU_ONE: Final = 4096
-"""The integer for an ELU output of 1. All layers use the same integer, so they share one table. Outputs up to
-`ELU_RANGE` fit into 16 bits."""
-
+"""The integer for an ELU output of 1; all layers share one table. Outputs up to `ELU_RANGE` fit into 16 bits."""
 ELU_RANGE: Final = 8
-
 ELU_MAX: Final = 6.4
 """Largest output of an ELU that is accepted in the calibration; the rest of `ELU_RANGE` is a margin."""
-
 ELU_ARGUMENT_ONE: Final = 1 << 18
 """The integer for an argument of 1 in the table of ELU."""
-
 ELU_ARGUMENT_MAX: Final = 4000.0
 """Largest argument of an ELU. This argument times `ELU_ARGUMENT_ONE` fits in an int32 with one bit in reserve."""
-
 SLOPE_SHIFT: Final = 4
 """Number of bits by which the integers of ELU slopes are shifted right, so that they can be stored as bytes on the
 tape. The integer for a slope of 1 is `ELU_ONE` before the shift and 256 after it."""
-
 GAIN_ONE: Final = 1 << 22
-"""The integer for a layer's largest gain in the layer's adjoint. The product of this integer and a slope of 256 is a
-quarter of the range of an int32."""
-
+"""The integer for a layer's largest gain in its adjoint; times a slope of 256 a quarter of the range of an int32."""
 ROW_SCALE_ONE: Final = 1 << 23
 """The integer for the largest row scale of a layer's matrix in the layer's adjoint."""
-
 SCALED_BITS: Final = 32
-"""Number of fractional bits of the factor in C's sw_scaled. The factor is below 1/2; its integer is the factor times
-2^SCALED_BITS."""
-
+"""Number of fractional bits of the factor in C's sw_scaled, which is below 1/2."""
 LOGISTIC_ONE: Final = 16384
 """The integer for an argument of 1 in the table of the logistic function."""
-
 LOGISTIC_QMAX: Final = 32767
 """The integer for a value of 1 in the table of the logistic function."""
-
 LOGISTIC_RANGE: Final = 16
-
 GATE_MAX: Final = 6e4
 """Largest argument of a gate. Twice this argument times `LOGISTIC_ONE` fits in an int32."""
 
@@ -108,8 +84,7 @@ def c_constants() -> dict[str, int | np.float32]:
 
 def qmax(width: int) -> int:
     """Return the limit on the integers in a vector of this padded width, with which the vector's dot product with int8
-    weights cannot overflow 32 bits (SW_QMAX in C). Raises ExportError if the vector is so wide that its elements would
-    be resolved too coarsely."""
+    weights cannot overflow 32 bits (SW_QMAX in C). Raises ExportError if the vector is too wide."""
     if width > 4 * FULL_RANGE_WIDTH:
         raise ExportError(f"a layer has the width {width}; the int8 library accepts at most {4 * FULL_RANGE_WIDTH}")
     return INT16_QMAX if width <= FULL_RANGE_WIDTH else SUM_QMAX // width
@@ -134,8 +109,7 @@ def elu_points() -> npt.NDArray[np.uint32]:
     1 / `ELU_ONE`, and are limited to the largest int16."""
 
     def elu(x: Array) -> Array:
-        held: Array = np.minimum(ELU_ONE * np.where(x < 0, np.expm1(np.minimum(x, 0)), x), INT16_QMAX)
-        return held
+        return np.asarray(np.minimum(ELU_ONE * np.where(x < 0, np.expm1(np.minimum(x, 0)), x), INT16_QMAX))
 
     return _points(elu, ELU_RANGE)
 
@@ -188,8 +162,7 @@ def _largest_state(ranges: Mapping[str, float]) -> float:
 
 
 def _channels(*columns: Array) -> Array:
-    """Return the constants of n outputs in groups of eight outputs, (n / 8, constants, 8). The padding consists of
-    zeros."""
+    """Return the constants of n outputs in groups of eight outputs, (n / 8, constants, 8), padded with zeros."""
     rows = np.pad(np.stack(columns, axis=-1), [(0, -len(columns[0]) % INT8_LANES), (0, 0)])
     return rows.reshape(-1, INT8_LANES, len(columns)).transpose(0, 2, 1)
 
@@ -206,8 +179,7 @@ def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale
     offset = ELU_ARGUMENT_ONE * (norm.bias + ELU_RANGE)
     gain_max = np.abs(norm.weight).max() or 1.0
     largest = float(matrix.scales.max())
-    # The adjoint multiplies a value by the integers of a gain and of a slope, and uses the upper 32 bits of the
-    # product. With the largest gain and a slope of 1, the result is a quarter of the value.
+    # The upper 32 bits of a value times the integers of the largest gain and a slope of 1 are a quarter of the value.
     quarter = GAIN_ONE * 256 / 2**SCALED_BITS
     return {
         f"sw_{name}_channel": _integers(_channels(scales / unit * 2**SCALED_BITS, bias / unit, gain, offset)),
@@ -275,8 +247,7 @@ def _stay_below(limit: float, reach: Array, what: str) -> None:
 
 
 def _fed_by_elu(weight: Array) -> None:
-    """Check the width of a layer whose inputs are ELU outputs. ELU outputs use all 16 bits, so the sum of a wide layer
-    could overflow."""
+    """Check a layer's width: its inputs, ELU outputs, use all 16 bits, so the sum of a wide layer could overflow."""
     if weight.shape[1] > FULL_RANGE_WIDTH:
         raise ExportError(
             f"a layer after an ELU has the width {weight.shape[1]}; the int8 library accepts at most {FULL_RANGE_WIDTH}"
@@ -284,7 +255,6 @@ def _fed_by_elu(weight: Array) -> None:
 
 
 def _gates(stacked: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
-    """Join the rows of the four gates; each gate is padded separately."""
     return np.concatenate([np.pad(gate, [(0, -len(gate) % INT8_LANES), (0, 0)]) for gate in np.split(stacked, 4)])
 
 

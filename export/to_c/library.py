@@ -1,6 +1,5 @@
-"""The C99 library of one control step (`contract.controller.c_folder`): hand-written sources, the generated settings
-`sw_settings.h` and the generated weights `sw_weights.c`. The library's folder also has documents and the expected
-answers of an example program."""
+"""The C99 library of one control step (`contract.controller.c_folder`): hand-written sources, and the generated
+settings and weights. The library's folder also has documents and the expected answers of an example program."""
 
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
@@ -10,18 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from contract.arrays import Array
-from contract.controller import image_payload
-from contract.controller.c_folder import (
-    DOCUMENTS,
-    PROGRAM_SETTINGS,
-    PROGRAM_WEIGHTS,
-    Numbers,
-    ProgramSettings,
-    c_files,
-    numbers_source,
-    settings_header,
-    table,
-)
+from contract.controller import c_folder, image_payload
+from contract.controller.c_folder import DOCUMENTS, PROGRAM_SETTINGS, PROGRAM_WEIGHTS, Numbers, ProgramSettings
 from contract.controller.interface import FORCES, TERMS, Controller
 from contract.release.checks import dbc_sha256
 from contract.release.manifest import WeightPrecision
@@ -33,8 +22,7 @@ from export.to_c.float32_arrays import FLOAT32_LANES, ArrayValues, float_arrays,
 from export.to_c.int8_arrays import c_constants, int8_arrays
 
 ALIGNMENTS: Final = {"int8": 16, "float32": 64}
-"""Alignment of the arrays in bytes. For int8, 16 suffices for a word of Cortex-M and for a vector register. For
-float32, 64 is a cache line."""
+"""Alignment of the arrays in bytes: 16 suffices for int8 on Cortex-M and in vector registers; 64 is a cache line."""
 _TABLES: Final = ("sw_elu_points", "sw_logistic_points")
 """Tables that are equal for every program. They are compiled into the library and are not part of a release."""
 _HOT: Final = ("sw_dyn1_rows", "sw_dyn1_adjoint_rows", "sw_dyn2_rows", "sw_dyn2_adjoint_rows", "sw_dyn3_rows",
@@ -64,12 +52,12 @@ def c_library(program: Program, calibration: Sequence[Array] = ()) -> dict[str, 
     if hot:
         constants["sw_own_hot"] = numbers("sw_hot", hot, alignment)
         sizes |= constants["sw_own_hot"].settings("SW_HOT")
-    tables = "\n\n".join(table(name, arrays[name]) for name in _TABLES if name in arrays)
+    tables = "\n\n".join(c_folder.table(name, arrays[name]) for name in _TABLES if name in arrays)
     definitions = {**settings(effective(program), precision), "SW_ALIGNMENT": alignment, **sizes}
     headers = ['"stillwake.h"', '"sw_weights.h"']
     return static_sources(precision) | {
-        PROGRAM_SETTINGS: settings_header(definitions),
-        PROGRAM_WEIGHTS: numbers_source("the numbers of one program", headers, constants, tables),
+        PROGRAM_SETTINGS: c_folder.settings_header(definitions),
+        PROGRAM_WEIGHTS: c_folder.numbers_source("the numbers of one program", headers, constants, tables),
         image_payload.WEIGHTS_PART: b"".join(each.packed() for each in constants.values()),
     }
 
@@ -92,11 +80,8 @@ def with_answer(library: Mapping[str, bytes], answer: tuple[float, float]) -> di
 
 def numbers(struct: str, arrays: Mapping[str, ArrayValues], alignment: int) -> Numbers:
     """Return the arrays as a C struct; raises ExportError for a value that float32 cannot represent."""
-    return Numbers(
-        struct=struct,
-        members={name.removeprefix("sw_"): _in_c(name, values) for name, values in arrays.items()},
-        alignment=alignment,
-    )
+    members = {name.removeprefix("sw_"): _in_c(name, values) for name, values in arrays.items()}
+    return Numbers(struct=struct, members=members, alignment=alignment)
 
 
 def _in_c(name: str, values: ArrayValues) -> npt.NDArray[Any]:
@@ -111,7 +96,7 @@ def static_sources(precision: WeightPrecision) -> dict[str, bytes]:
 
 def sources_in(folder: str) -> dict[str, bytes]:
     """Return the sources and headers of a folder of `sources`, by name."""
-    return c_files(files("export.to_c").joinpath("sources", folder))
+    return c_folder.c_files(files("export.to_c").joinpath("sources", folder))
 
 
 def settings(program: ControllerProgram, precision: WeightPrecision) -> dict[str, int | str | np.float32]:
@@ -148,9 +133,6 @@ def settings(program: ControllerProgram, precision: WeightPrecision) -> dict[str
     }
 
 
-_FLOAT_BYTES = 4
-
-
 def documents(library: Mapping[str, bytes]) -> dict[str, bytes]:
     """Return the README, the rules for CMake and the licence, with the sizes of this library filled in."""
     root = files("export.to_c").joinpath("folder")
@@ -163,8 +145,7 @@ def documents(library: Mapping[str, bytes]) -> dict[str, bytes]:
 
 def replay(controller: Controller, windows: Sequence[Array], horizon: int) -> Array:
     """Return the expected answers of the example program to n windows (L, S+1), (n, 4): planned action, predicted mean
-    Cd and Cl, and cost. Every answer starts from a plan of zeros. If an answer started from the previous plan,
-    differences in rounding could grow from answer to answer."""
+    Cd and Cl, and cost. Every answer starts from a plan of zeros, so that differences in rounding do not grow."""
     plan, free = np.zeros(horizon), np.ones(horizon)
     steps = [controller.control_step(window, plan, free) for window in windows]
     return np.array([[step.plan[0], *step.forces.mean(axis=0), step.cost] for step in steps])
@@ -180,7 +161,7 @@ def _facts(settings: ProgramSettings) -> dict[str, str | int]:
         "HORIZON": horizon,
         "ITERATIONS": settings.number("SW_ITERATIONS"),
         "PROGRAM": settings.text("SW_PROGRAM_SHA256"),
-        "INPUT_BYTES": _FLOAT_BYTES * (window * (sensors + 1) + 2 * horizon + len(TERMS) + 2),
-        "OUTPUT_BYTES": _FLOAT_BYTES * (horizon * (1 + FORCES) + len(TERMS) + 1),
+        "INPUT_BYTES": 4 * (window * (sensors + 1) + 2 * horizon + len(TERMS) + 2),
+        "OUTPUT_BYTES": 4 * (horizon * (1 + FORCES) + len(TERMS) + 1),
         "PRODUCTS": f"{settings.multiply_accumulates():,}",
     }

@@ -42,7 +42,6 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
     speed = graph.default("speed", 1.0) if program.knows_speed else None
     reach = graph.constant(float32_within(program.action_limit))
     bound = graph.op("Min", graph.default("limit", float32_within(program.action_limit)), reach)
-
     dynamics, decoder = DynamicsGraph(graph, program, store), DecoderGraph(graph, program, store)
     start, iterated = shifted(graph, plan, program.mpc.horizon), weights
     if program.prior is not None:
@@ -88,25 +87,18 @@ def shifted(graph: Graph, plan: str, horizon: int) -> str:
 
 
 def lower_adam(
-    graph: Graph,
-    program: ControllerProgram,
-    plan: str,
-    free_mask: str,
-    bound: str,
-    gradient: Callable[[Graph, str], str],
+    graph: Graph, program: ControllerProgram, plan: str, free: str, bound: str, gradient: Callable[[Graph, str], str]
 ) -> str:
     """Add nodes that compute the optimised plan (1, H) from the starting plan (1, H), the mask of free actions (H,) and
-    the scalar bound on |a|. `gradient` adds to a Scan's body the nodes that compute dJ/da (1, H) at a plan (1, H).
-    """
+    the scalar bound on |a|. `gradient` adds to a Scan's body the nodes that compute dJ/da (1, H) at a plan (1, H)."""
     h, mpc = program.mpc.horizon, program.mpc
     beta1, beta2 = ADAM_BETAS
     number = np.arange(1, mpc.iterations + 1)[:, None]
-    # Each row of these arrays belongs to an iteration.
     spread_scale = np.sqrt((1.0 - beta2) / (1.0 - beta2**number))
     mean_scale = (1.0 - beta1) / (1.0 - beta1**number)
     rates = graph.constant(mpc.learning_rate * mean_scale / spread_scale, "adam_rate")
     floors = graph.constant(mpc.epsilon / spread_scale, "adam_floor")
-    is_free = graph.op("Greater", free_mask, graph.constant(0.5))
+    is_free = graph.op("Greater", free, graph.constant(0.5))
     lowest = graph.op("Sub", graph.constant(0.0), bound)
 
     body = graph.body()
@@ -137,11 +129,7 @@ class Cost:
     def __init__(
         self, graph: Graph, mpc: MpcConfig, weights: str, previous_action: str, start: str, iterated: str
     ) -> None:
-        self._horizon = mpc.horizon
-        self._previous_action = previous_action
-        self._weights = weights
-        self._start = start
-        # The Split gives the weight of each term as a value of shape (1,).
+        self._horizon, self._previous_action, self._weights, self._start = mpc.horizon, previous_action, weights, start
         pieces = graph.ops("Split", iterated, graph.index([1] * len(TERMS)), outputs=len(TERMS))
         self._weight = dict(zip(TERMS, pieces, strict=True))
         self._drag_reference = graph.constant([mpc.drag_reference], "drag_reference")
@@ -173,12 +161,8 @@ class Cost:
 
     def gradient(self, graph: Graph, signed_forces: str, plan: str) -> tuple[str, str]:
         """Add nodes that compute the same gradient as `reference.mpc.cost_gradient`: dJ/d(Cd, -Cd, Cl), (H, 3), and
-        dJ/da at fixed forces, (1, H). `signed_forces`, shape (H, 3), has the columns Cd, -Cd and Cl; `plan` has the
-        shape (1, H).
-
-        The drag's fluctuation is max Cd - min Cd = max Cd + max(-Cd). Because -Cd has a column of its own, only maxima
-        are needed, and the same nodes serve all columns.
-        """
+        dJ/da at fixed forces, (1, H). `signed_forces` (H, 3) has the columns Cd, -Cd and Cl; `plan` is (1, H). The
+        drag's fluctuation is max Cd - min Cd = max Cd + max(-Cd), so only maxima are needed."""
         # The gradient is 1 at the largest value of a column; several equal largest values share the gradient evenly.
         ties = graph.op("Cast", graph.op("Equal", signed_forces, _reduce(graph, "ReduceMax", signed_forces)), to=1)
         share = graph.op("Div", ties, _reduce(graph, "ReduceSum", ties))
@@ -187,15 +171,13 @@ class Cost:
         mean = graph.op("Mul", _reduce(graph, "ReduceMean", signed_forces), self._by_mean)
         steady = graph.op("Add", mean, self._by_drag)
         through_forces = graph.op("Add", graph.op("Add", fluctuation, lift), steady)
-        # The plan is a row, because in ONNX Runtime a matrix times a column takes three times as long as a row times a
-        # matrix.
+        # In ONNX Runtime, a matrix times a column takes three times as long as a row times a matrix.
         return through_forces, graph.op("Gemm", plan, self._curvature, self._minus_pull)
 
     def _prepare(self, graph: Graph, start: str) -> None:
-        """Add the nodes for the parts of the gradient that depend only on the weights, the previous action and the
-        plan p from which the optimiser starts. These nodes run once per control step.
-
-        The terms in the plan a are quadratic. With increments D a and the unit vector e_0, their gradient is Q a - q,
+        """Add the nodes for the parts of the gradient that depend only on the weights, the previous action and the plan
+        p from which the optimiser starts. The terms in the plan a are quadratic. With increments D a and the unit
+        vector e_0, their gradient is Q a - q,
 
             Q = 2 w_smoothness D^T D / (H - 1) + 2 (w_effort + w_prior) I / H + 2 w_rate e_0 e_0^T,
             q = 2 w_rate a_{-1} e_0 + 2 w_prior p / H.

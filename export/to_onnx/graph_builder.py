@@ -25,8 +25,7 @@ IR_VERSION: Final = 8
 
 class Graph:
     """A collection of nodes; every value has a name. A graph from `body()` becomes the body of a Scan (`scan`). A body
-    reads any value of the graphs around it by name, and its constants are stored in the outermost graph. Equal
-    constants are stored once."""
+    reads any value of the graphs around it by name, and its constants are stored in the outermost graph, once."""
 
     def __init__(self, parent: "Graph | None" = None) -> None:
         self._root: Graph = self if parent is None else parent._root
@@ -75,8 +74,7 @@ class Graph:
         return self.ops(kind, *inputs, outputs=1, **attributes)[0]
 
     def slice(self, x: str, *bounds: int) -> str:
-        """Add a slice of the value `x`. `bounds` has the start, the end and, if the slice is not along the first axis,
-        the axis."""
+        """Add a slice of the value `x`. `bounds` has the start, the end and, if it is not the first, the axis."""
         return self.op("Slice", x, *(self.index([bound]) for bound in bounds))
 
     def ops(self, kind: str, *inputs: str, outputs: int, **attributes: Any) -> tuple[str, ...]:
@@ -112,12 +110,9 @@ class Graph:
     def model(self, name: str, doc: str) -> onnx.ModelProto:
         """Return the model after the full check of ONNX, which includes shape inference."""
         graph = helper.make_graph(self._nodes, name, self._inputs, self._outputs, list(self._initializers.values()))
+        opset = helper.make_opsetid("", OPSET)
         model = helper.make_model(
-            graph,
-            opset_imports=[helper.make_opsetid("", OPSET)],
-            ir_version=IR_VERSION,
-            producer_name="stillwake",
-            doc_string=doc,
+            graph, opset_imports=[opset], ir_version=IR_VERSION, producer_name="stillwake", doc_string=doc
         )
         onnx.checker.check_model(model, full_check=True)
         return model

@@ -41,8 +41,7 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
     i, f, g, o = np.split(np.arange(4 * width), 4)
     gates = np.concatenate([i, o, f, g])
     mean = graph.constant(scaling.window_mean, "window_mean")
-    # The window is multiplied by 1 / std, so that a standard deviation too small for float32 is refused. As a divisor,
-    # such a standard deviation would be rounded to zero.
+    # With 1 / std, a standard deviation too small for float32 is refused; as a divisor, it would be rounded to zero.
     std = np.array(scaling.window_std)
     rows = window
     if program.encoder_rows < program.window:
@@ -53,8 +52,7 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
         weight = store(graph, f"encoder.{name}.weight")
         return graph.op("Gemm", x, weight, graph.constant(bias, f"encoder.{name}.bias"), transB=1)
 
-    # ONNX's LSTM expects the direction as the first axis of its weights, and a batch axis of length one in the
-    # sequence.
+    # The weights' first axis is the direction; the sequence has a batch axis of length one.
     biases = np.concatenate([weights.lstm.bias_input[gates], weights.lstm.bias_recurrent[gates]])
     _, hidden = graph.ops(
         "LSTM",
@@ -90,7 +88,6 @@ class DynamicsGraph:
         first = centred(graph, store(graph, "dynamics.input.weight"))
         second = centred(graph, store(graph, "dynamics.hidden.weight"))
         third = store(graph, "dynamics.output.weight")
-        # The first columns of the first layer's matrix are for the latent state, and the last column is for the action.
         by_state = graph.slice(first, 0, latent, 1)
         by_action = graph.slice(first, latent, latent + 1, 1)
         per_action = graph.constant(1.0 / program.scaling.action_std, "1 / action_std")
@@ -137,8 +134,7 @@ class DynamicsGraph:
         return Rollout(latents=latents, before=(u1s, u2s), after=(h1s, h2s))
 
     def adjoint(self, graph: Graph, rollout: Rollout, through_forces: str, through_plan: str) -> str:
-        """Add nodes that compute dJ/da (1, H). The inputs are dJ/dz_{k+1} through the forces alone, (H, n_z), and the
-        part of dJ/da through the plan alone."""
+        """Add nodes that compute dJ/da (1, H) from dJ/dz (H, n_z) through the forces, and dJ/da at fixed forces."""
         h, widths = self._horizon, [norm.width for norm in self._norms]
         xhat1, p1 = self._linearise(graph, 0, rollout)
         xhat2, p2 = self._linearise(graph, 1, rollout)

@@ -1,9 +1,6 @@
-"""The conversion of a release's graphs to graphs without Scan and int8, for runtimes that support fewer operators.
-
-The number of nodes grows with the horizon and the iterations, so a release contains the graph with Scan instead. If a
-graph uses a square constant and also its transpose, OpenVINO 2026.4 always multiplies by the transpose. So this module
-writes two constants.
-"""
+"""The conversion of a release's graphs to graphs without Scan and int8, for runtimes that support fewer operators. The
+number of nodes grows with the horizon and the iterations. If a graph uses a square constant and also its transpose,
+OpenVINO 2026.4 always multiplies by the transpose, so this module writes two constants."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -16,8 +13,7 @@ from onnxruntime import InferenceSession
 
 def portable(model: onnx.ModelProto) -> onnx.ModelProto:
     """Return a graph of a release with each Scan replaced by its steps, in order. Each value that depends on no input
-    is replaced by a constant. A caller must give every input, because other runtimes treat an input's default as a
-    constant."""
+    is replaced by a constant. A caller must give every input, because other runtimes take defaults as constants."""
     graph = model.graph
     writer = _Writer(graph)
     nodes = writer.written(graph.node, {}, "")
@@ -71,8 +67,7 @@ class _Writer:
             copy.CopyFrom(node)
             copy.input[:] = [names.get(name, name) for name in node.input]
             if node.op_type == "CumSum":
-                # ONNX's standard requires a scalar axis here. The graph has an array of length one, which ONNX Runtime
-                # also accepts.
+                # ONNX's standard requires a scalar axis; ONNX Runtime also accepts an array of length one.
                 copy.input[1] = self._constant(0)
             names |= {name: name + suffix for name in node.output if name and suffix}
             copy.output[:] = [names.get(name, name) for name in node.output]

@@ -1,9 +1,6 @@
 """The prior of the plan as ONNX nodes: one Scan over the horizon (`export.reference.prior`), and the goal
-(`contract.controller.goal`). The goal determines the prior's schedule, and the cost terms that the iterations minimise.
-
-The past is stored as one row, oldest differences first. Once per control step, the graph computes the gates and the
-units' matrix for this row. The matrix combines schedule and filters.
-"""
+(`contract.controller.goal`). The past is stored as one row, oldest differences first. Once per control step, the graph
+computes the gates and the units' matrix for this row. The matrix combines schedule and filters."""
 
 import numpy as np
 
@@ -60,16 +57,9 @@ def lower_prior(
     reach: str,
     bound: str,
 ) -> str:
-    """Add nodes that compute the plan (1, H) from which the optimiser starts.
-
-    Args:
-        window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first.
-        committed: (1, H) actions that the plan has where `free` is 0.
-        free: (H,) 1 where the prior decides the action, 0 elsewhere.
-        schedule: (6, 1) values of the schedule variables.
-        reach: scalar bound on |a| that the goal allows, in U_inf W.
-        bound: scalar bound on |a| in this control step, in U_inf W.
-    """
+    """Add nodes that compute the plan (1, H) from which the optimiser starts. The arguments are as in
+    `export.reference.prior`, except `committed` (1, H), the values of the `schedule` variables (6, 1), and `reach`, the
+    bound on |a| that the goal allows; `bound` is the bound in this control step."""
     columns, length = prior.pairs + 1, prior.memory * (prior.pairs + 1)
     past, y = _past(graph, prior, sizes, window)
     units, gates = _units(graph, prior, store, schedule), _gates(graph, prior, store, sizes, window, schedule)
@@ -97,8 +87,7 @@ def lower_prior(
 
 
 def _units(graph: Graph, prior: PriorWeights, store: PutMatrix, schedule: str) -> str:
-    """Add nodes that compute the matrix of the n units on the past rows, (M (p + 1), n), as a sum over the schedule
-    variables."""
+    """Add nodes that compute the matrix of the n units on the past rows, (M (p + 1), n)."""
     scheduled, units, count, columns = prior.first.shape
     by_row = graph.op("Mul", schedule, graph.constant(np.ones((1, units))))
     weighted = graph.op("Mul", store(graph, "prior.first"), graph.op("Reshape", by_row, graph.index([-1, 1])))
@@ -111,7 +100,6 @@ def _units(graph: Graph, prior: PriorWeights, store: PutMatrix, schedule: str) -
 
 
 def _gates(graph: Graph, prior: PriorWeights, store: PutMatrix, sizes: Sizes, window: str, schedule: str) -> str:
-    """Add nodes that compute the gates of the n units, (n, 1)."""
     both = np.repeat(np.eye(prior.pairs), 2, axis=0)
     newest = graph.slice(window, sizes.window - prior.memory, sizes.window, 0)
     sums = graph.op("MatMul", newest, graph.constant(np.vstack([both, np.zeros(prior.pairs)]), "sums"))
@@ -122,8 +110,7 @@ def _gates(graph: Graph, prior: PriorWeights, store: PutMatrix, sizes: Sizes, wi
 
 
 def _past(graph: Graph, prior: PriorWeights, sizes: Sizes, window: str) -> tuple[str, str]:
-    """Add nodes that compute the M rows (y, a) before the present row, (1, M (p + 1)), and the p present differences,
-    (1, p)."""
+    """Add nodes that compute the M rows (y, a) before the present row, (1, M (p + 1)), and the present y, (1, p)."""
     memory, pairs = prior.memory, prior.pairs
     newest = graph.slice(window, sizes.window - memory, sizes.window, 0)
     signs = np.zeros((2 * pairs + 1, pairs + 1))

@@ -6,15 +6,8 @@ import numpy as np
 import onnx
 from onnx import numpy_helper
 
-from contract.controller.estimator import (
-    ESTIMATOR,
-    ESTIMATOR_INPUT,
-    ESTIMATOR_OUTPUT,
-    REACH,
-    EstimatorNetwork,
-    estimator_shapes,
-    views,
-)
+from contract.controller import estimator
+from contract.controller.estimator import ESTIMATOR, ESTIMATOR_INPUT, ESTIMATOR_OUTPUT, REACH, EstimatorNetwork, views
 from contract.errors import ExportError
 from export.int8 import Int8Matrix, RoundedEstimator
 from export.to_onnx.graph_builder import Graph, dequantised
@@ -27,7 +20,7 @@ def build_estimator(rounded: RoundedEstimator) -> onnx.ModelProto:
     network = rounded.network
     sensors, length = network.sensors, network.window
     seen_by = views(sensors)
-    shapes = estimator_shapes(length, sensors)
+    shapes = estimator.estimator_shapes(length, sensors)
     graph = Graph()
     window = graph.input(ESTIMATOR_INPUT, shapes[ESTIMATOR_INPUT])
     exchange = np.stack([np.eye(sensors + 1)[:, view.order(sensors)] for view in seen_by])
@@ -61,11 +54,8 @@ def read_estimator(content: bytes) -> RoundedEstimator:
     weights = [made_by.get(node.input[1]) for node in layers]
     if not layers or any(node is None or node.op_type != "DequantizeLinear" for node in weights):
         raise ExportError(f"{ESTIMATOR}: has no int8 weights; fit a new estimator with bundle renew --dataset DATA")
-    matrices = [
-        Int8Matrix(values=constants[node.input[0]], scales=constants[node.input[1]])
-        for node in weights
-        if node is not None
-    ]
+    stored = [(constants[node.input[0]], constants[node.input[1]]) for node in weights if node is not None]
+    matrices = [Int8Matrix(values=values, scales=scales) for values, scales in stored]
     # The first Sub and the first Mul standardise the window.
     mean, kept = (next(node for node in graph.node if node.op_type == kind).input[1] for kind in ("Sub", "Mul"))
     network = EstimatorNetwork(

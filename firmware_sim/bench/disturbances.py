@@ -32,9 +32,7 @@ from contract.errors import ConfigError
 from firmware_sim.bench.sensor_faults import Bias, Dead, Drift, Noise, Quantise, SensorDisturbance, Stuck, Swap
 
 T = TypeVar("T", int, float)
-
 NODES: Final = ("vehicle", "ecu")
-
 Below = Annotated[T, Rule(wording="above 0 and below 0.5", holds=lambda value: 0 < value < 0.5)]
 Share = Annotated[T, Rule(wording="above 0 and at most 1", holds=lambda value: 0 < value <= 1)]
 
@@ -204,7 +202,6 @@ KINDS: Final[dict[str, type[Span]]] = {
     )
 }
 """Classes of disturbances by the first word of their texts. The text of a `NodeFault` begins with the node's name."""
-
 Disturbance = NodeFault | Span
 
 
@@ -221,13 +218,10 @@ def parse_disturbance(text: str) -> Disturbance:
 
 @dataclass(frozen=True, kw_only=True)
 class Disturbances:
-    """The disturbances of a run; this object can be compared and pickled. Parsing `texts` gives an equal object.
-
-    Attributes:
-        items: disturbances in the order given. Each has its own random sequence, numbered by its index. Disturbances of
-            the sensors are applied in this order. In a port, the first disturbance is closest to the bus. Gusts are
-            added, speed factors multiplied. If other disturbances of one kind set the same value, the last one applies.
-    """
+    """The disturbances of a run, in the order given; this object can be compared and pickled. Parsing `texts` gives an
+    equal object. Each disturbance has its own random sequence, numbered by its index. Disturbances of the sensors are
+    applied in order. In a port, the first disturbance is closest to the bus. Gusts are added, speed factors multiplied.
+    If other disturbances of one kind set the same value, the last one applies."""
 
     items: tuple[Disturbance, ...] = field(default=())
 
@@ -272,7 +266,6 @@ def whole_cycles(gust: GustyWind, convective_time: float) -> float:
         return inf
     lasts_s, period_s = gust.end_s - gust.start_s, gust.period * convective_time
     if (cycles := floor(lasts_s / period_s + 1e-9)) < 1:
-        raise ConfigError(
-            f"disturbance {text_of(gust)!r} lasts {lasts_s:g} s; it must last at least one period of {period_s:g} s"
-        )
+        least = f"it must last at least one period of {period_s:g} s"
+        raise ConfigError(f"disturbance {text_of(gust)!r} lasts {lasts_s:g} s; {least}")
     return cycles

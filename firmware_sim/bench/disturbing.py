@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
-from types import MappingProxyType
 from typing import Final, TypeVar
 
 import numpy as np
@@ -31,7 +30,6 @@ from wake.plant.protocol import Disturbable, Drivable, Plant
 from wake.plant.sample import Sample
 
 S = TypeVar("S", bound=Span)
-
 PORT_NAMES: Final = {"vehicle": "vehicle", "ecu": "ECU"}
 """Names of the nodes' ports on the simulated bus, by the nodes' names in disturbances."""
 LOOK_NS: Final = 1_000_000
@@ -39,12 +37,8 @@ LOOK_NS: Final = 1_000_000
 
 
 class NodeFaults:
-    """An object that adds a run's faults to the nodes' ports.
-
-    Args:
-        faults: faults of all nodes; the first fault of a node is closest to the bus.
-        before: how many random sequences each node's port uses already; these faults use the sequences after them.
-    """
+    """An object that adds a run's faults to the nodes' ports. The first of a node's faults is closest to the bus. Each
+    port already uses `before` random sequences; these faults use the sequences after them."""
 
     def __init__(self, faults: Sequence[NodeFault], bus: SimulatedBus, seed: int, before: Mapping[str, int]) -> None:
         self._faults, self._bus, self._seed, self._before = faults, bus, seed, before
@@ -101,21 +95,11 @@ class _Babbling(WrappedBus):
 
 
 class Disturbing:
-    """An object that applies all disturbances of one run.
-
-    Args:
-        sensors: names of the sensors, in the order of the readings.
-        before: how many random sequences earlier disturbances use: "all" has the total, a node's name has the number
-            in the node's port.
-    """
+    """An object that applies all disturbances of one run. `sensors` are in the order of the readings. `before` counts
+    the random sequences of earlier disturbances: "all" has the total, a node's name the number in the node's port."""
 
     def __init__(
-        self,
-        disturbances: Disturbances,
-        config: Config,
-        sensors: Sequence[str],
-        seed: int,
-        before: Mapping[str, int] = MappingProxyType({}),
+        self, disturbances: Disturbances, config: Config, sensors: Sequence[str], seed: int, before: Mapping[str, int]
     ) -> None:
         self._items, self._texts = disturbances.items, disturbances.texts
         self._config, self._seed, self._before = config, seed, before
@@ -133,7 +117,7 @@ class Disturbing:
                 self._in_ports[place] = item
         self._speeds: list[float] = []  # vehicle's speed in every period so far, m/s
         self._frozen: dict[int, float] = {}
-        self._ports: NodeFaults | None = None
+        self._ports: NodeFaults  # set by `connect`
         self._flow: tuple[Disturbable, float] | None = None  # plant and its own Reynolds number
         self.corrupts, self.mishears = self._wire("send"), self._wire("receive")
 
@@ -142,8 +126,7 @@ class Disturbing:
         return self._ports.around
 
     def end(self) -> None:
-        if self._ports is not None:
-            self._ports.end()
+        self._ports.end()
 
     def _wire(self, at: str) -> Corrupts | None:
         hooks = {}
@@ -176,7 +159,6 @@ class Disturbing:
         return now_ns
 
     def plan_resets(self, bus: SimulatedBus, loop: VirtualLoop) -> None:
-
         def reset(place: int, boot_ns: int) -> None:
             loop.reset_ecu(boot_ns)
             self._acted[place] += 1
@@ -263,8 +245,7 @@ class Disturbing:
 
     def injected(self) -> tuple[InjectedFault, ...]:
         """Return each disturbance with the number of times it has acted so far, in the order given."""
-        in_ports = () if self._ports is None else zip(self._in_ports, self._ports.acted(), strict=True)
-        acted = Counter(self._acted) | Counter(dict(in_ports))
+        acted = self._acted | Counter(dict(zip(self._in_ports, self._ports.acted(), strict=True)))
         return tuple(InjectedFault(text=text, acted=acted[place]) for place, text in enumerate(self._texts))
 
     def _each(self, kind: type[S]) -> Iterator[tuple[int, S]]:

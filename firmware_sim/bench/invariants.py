@@ -46,11 +46,9 @@ from firmware_sim.bench.disturbances import Disturbances, NodeFault, StuckJets
 from wake.plant.sample import Sample
 
 T = TypeVar("T")
-
 DRIVING: Final = frozenset({Mode.CONTROL, Mode.HOLD, Mode.DECAY})
 _WANTED: Final = DRIVING | {Mode.WARMUP}
 """Modes of an ECU that was asked for control and has no latched fault."""
-
 AGE_TOLERANCE: Final = 0.01
 """Tolerance of ages, as a share of a period. It is far larger than the known errors of an age: those from clock rates
 that differ by 200 ppm, and from the time between a frame's arrival and the reading of the bus."""
@@ -97,8 +95,7 @@ class Commands:
         return self._step * share + FLOW_RESOLUTION_M2_PER_S
 
     def broken(self, flow: float, *, enable: bool, drives: bool, share: float = 1.0) -> Iterator[tuple[str, str]]:
-        """Yield (name, values) of each invariant that the next command violates. `share`, at most 1, is the time since
-        the previous command, in periods."""
+        """Yield (name, values) of each invariant that a command violates, `share` periods (at most 1) after another."""
         before, self.flow = self.flow, flow
         if abs(flow) > self._limit + ROUNDING:
             yield "bus_bounds", f"{flow:g} m2/s, limit {self._limit:g}"
@@ -185,13 +182,8 @@ class Jets:
 
 class Invariants:
     """An observer that records violations of the invariants. It sees the nodes' frames and the plant, but no state of
-    the nodes. Its methods are called in the order of time.
-
-    Args:
-        hidden_ns: time in ns by which a command's pressures may be older than they appear to the ECU; see `of`.
-        drift: rate at which this time grows because the ECU's clock is fast, in s per s.
-        jets_follow: whether the jets' actuator moves; the jets are not checked if the actuator is stuck.
-    """
+    the nodes. Its methods are called in the order of time. A command's pressures may be older than they appear to the
+    ECU by `hidden_ns` ns, and by `drift` s per s of the run. Jets whose actuator is stuck are not checked."""
 
     def __init__(self, config: Config, *, hidden_ns: int = 0, drift: float = 0.0, jets_follow: bool = True) -> None:
         self._config, self._jets_follow, self._hidden_ns, self._drift = config, jets_follow, hidden_ns, drift
@@ -210,10 +202,8 @@ class Invariants:
 
     @classmethod
     def of(cls, config: Config, disturbances: Disturbances) -> Self:
-        """Return the invariants of a run with these disturbances.
-
-        Pressures stamped while the ECU's clock was ahead appear too young. The check of ages allows for this.
-        """
+        """Return the invariants of a run with these disturbances. Pressures stamped while the ECU's clock was ahead
+        appear too young; the check of ages allows for this."""
         hidden_s = drift = 0.0
         for one in disturbances.items:
             if isinstance(one, NodeFault) and one.node == "ecu" and isinstance(one.fault, ClockDrift):

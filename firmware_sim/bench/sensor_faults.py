@@ -23,7 +23,6 @@ from contract.config.tree import Config
 
 GLOBAL_DEVIATION: Final = 0.1276
 """Standard deviation in Cp of all 90 pressures of the shipped recording's training episodes, taken together."""
-
 SensorFault = Callable[[Array], Array]
 
 

@@ -1,8 +1,6 @@
 """A run of the closed loop in virtual time, without files. The arguments are checked when the run is created. When it
-starts, a loop with bus, vehicle, ECU and disturbances is set up on a wake at time 0.
-
-Equal arguments and an equal wake give the same run bit for bit on any machine, except for measured wall-clock times.
-"""
+starts, a loop with bus, vehicle, ECU and disturbances is set up on a wake at time 0. Equal arguments and an equal wake
+give the same run bit for bit on any machine, except for measured wall-clock times."""
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -53,15 +51,11 @@ CYCLES: Final = 2
 
 
 class Disturbs(Protocol):
-    """The interface of disturbances to a loop, which `firmware_sim.bench.disturbing.Disturbing` implements."""
+    """The interface of disturbances to a loop, which `firmware_sim.bench.disturbing.Disturbing` implements. `corrupts`
+    makes the bit errors that all nodes see, `mishears` those that only one receiver sees; None without such errors."""
 
-    @property
-    def corrupts(self) -> Corrupts | None:
-        """Function that makes the bit errors that all nodes see; None without such errors."""
-
-    @property
-    def mishears(self) -> Corrupts | None:
-        """Function that makes the bit errors that only one receiver sees; None without such errors."""
+    corrupts: Corrupts | None
+    mishears: Corrupts | None
 
     def readings(self, cp: Array, now_ns: int) -> Array:
         """Return the transducers' readings, shape (S,), for the wall pressures Cp at the S sensors, shape (S,)."""
@@ -116,20 +110,15 @@ def wire(
     config: Config,
     ecu: LoopEcu,
     disturbs: Disturbs,
-    *,
     authentication: Authentication | None = None,
+    *,
     capture: Callable[[Frame], None] = lambda frame: None,
     observe: Callable[[Transmission], None] = lambda transmission: None,
     observer: Invariants | None = None,
 ) -> Wired:
-    """Assemble a loop. Raises ConfigError if the wake lacks a sensor, or settings of the bus contradict each other.
-
-    Args:
-        wake: a plant at the start of a control period.
-        sensors: sensors of the bundle, in the order of the Pressure message.
-        capture: called with every frame on the bus, stamped with the end of its transmission.
-        observe: called with a `Transmission` for each of these frames.
-    """
+    """Assemble a loop. The wake must be at the start of a control period, and the sensors in the order of the Pressure
+    message. `capture` is called with every frame on the bus, stamped with the end of its transmission, and `observe`
+    with its `Transmission`. Raises ConfigError if the wake lacks a sensor, or settings of the bus are contradictory."""
     messages = message_set(config.bus)
     others = background(config.bus).messages
     waits = WaitingTimes(messages=messages)
@@ -151,16 +140,9 @@ def wire(
             return port
         return WatchedBus(port=port, node=node, observer=observer, clock=lambda: bus.now_ns)
 
+    at_vehicle, at_ecu = port_of("vehicle"), port_of("ecu")
     loop = VirtualLoop(
-        wake,
-        node,
-        ecu,
-        bus,
-        port_of("vehicle"),
-        port_of("ecu"),
-        config,
-        ecu_health=ports["ECU"].health,
-        ecu_clock=disturbs.ecu_clock,
+        wake, node, ecu, bus, at_vehicle, at_ecu, config, ecu_health=ports["ECU"].health, ecu_clock=disturbs.ecu_clock
     )
     return Wired(bus=bus, ports=ports, node=node, loop=loop, waits=waits)
 
@@ -168,12 +150,8 @@ def wire(
 @dataclass(frozen=True, kw_only=True)
 class Spans:
     """The lengths of a run's spans in t_c. Raises StillwakeError if a span is negative, not finite or over 10^6 t_c,
-    or, with `averages`, too short for averages.
-
-    Attributes:
-        lead_in: time without control, in which the controller's window fills.
-        settle: time after the request for control that the averages under control leave out.
-    """
+    or, with `averages`, too short for averages. In `lead_in`, without control, the controller's window fills. The
+    averages under control leave out the time `settle` after the request for control."""
 
     lead_in: float
     controlled: float
@@ -209,7 +187,7 @@ class Spans:
 class Simulation:
     """A run that can be executed only once. Raises StillwakeError if the bundle does not fit the vehicle, the bus does
     not work in virtual time, the jets could never move, a span is too short, a disturbance could not act, or the
-    calibration is out of its limits.
+    calibration is out of its limits. `periods` has the numbers of control periods without control, and of all.
 
     Args:
         config: settings of the vehicle, with the bundle's operating point and control period.
@@ -218,9 +196,6 @@ class Simulation:
         ecu: ECU that is used in place of the ECU in Python; `controller` is then unused.
         drive: the vehicle's speeds from the request for control on; before the request, its first speed holds. If None,
             the speed is the operating point's. With a drive, the log has totals of the drive instead of averages.
-
-    Attributes:
-        periods: number of control periods without control, and total number of control periods.
     """
 
     def __init__(
@@ -240,16 +215,12 @@ class Simulation:
         config = self._disturbances.plant(config)
         self.periods = lead_in, total = spans.periods(config.flow.control_period)
         if config.bus.interface != SIMULATED:
-            raise BusError(
-                f"bus.interface = {config.bus.interface!r}: a run is in virtual time, on the simulated bus; only "
-                f"{SIMULATED!r} is possible"
-            )
+            reason = f"a run is in virtual time, on the simulated bus; only {SIMULATED!r} is possible"
+            raise BusError(f"bus.interface = {config.bus.interface!r}: {reason}")
         check_bit_rates(config)
-        if config.vehicle.actuator_delay >= total - lead_in:
-            raise StillwakeError(
-                f"vehicle.actuator_delay = {config.vehicle.actuator_delay}: control is requested for {total - lead_in} "
-                "periods, so the jets would never move; the delay must be shorter"
-            )
+        if (delay := config.vehicle.actuator_delay) >= total - lead_in:
+            reason = f"control is requested for {total - lead_in} periods, so the jets would never move"
+            raise StillwakeError(f"vehicle.actuator_delay = {delay}: {reason}; the delay must be shorter")
         self._disturbances.check(config, bundle.manifest.sensors, duration_s=total * config.period_ns / 1e9)
         self._authentication = authentication_in_virtual_time(config.bus)
         # The background traffic is checked first, so that no ECU is created if the bus cannot carry this traffic.
@@ -296,16 +267,9 @@ class Simulation:
         elif not np.array_equal(wake.layout.positions, layout_of(config.body).positions):
             raise ConfigError(f"disturbance {text_of(other)!r}: the plant has a different body")
         (lead_in, total), sensors = self.periods, bundle.manifest.sensors
-        disturbing, again = (Disturbing(self._disturbances, config, sensors, self._seed) for _ in range(2))
+        disturbing, again = (Disturbing(self._disturbances, config, sensors, self._seed, {}) for _ in range(2))
         wired = wire(
-            wake,
-            sensors,
-            config,
-            self._ecu,
-            disturbing,
-            authentication=self._authentication,
-            capture=capture,
-            observer=observer,
+            wake, sensors, config, self._ecu, disturbing, self._authentication, capture=capture, observer=observer
         )
         loop, node = wired.loop, wired.node
         disturbing.plan_resets(wired.bus, loop)

@@ -43,13 +43,9 @@ _DRIVING: Final = (Mode.CONTROL, Mode.HOLD, Mode.DECAY)
 @dataclass(frozen=True, kw_only=True)
 class EchoTracker:
     """An immutable record of sent Pressure frames and of the last echo. Frames are numbered: the first frame's number
-    is its counter; the next frame's number is larger by the difference of the two counters, and so on.
-
-    Attributes:
-        kept: sending times in ns of the latest frames, at most `counter_period` of them, newest last.
-        newest: number of the newest frame; None before the first frame.
-        echoed: number of the frame echoed last; None before the first echo, and after an interruption or wrong echo.
-    """
+    is its counter; the next frame's number is larger by the difference of the two counters, and so on. `kept` has the
+    sending times in ns of the latest frames, at most `counter_period` of them, newest last. `newest` is the number of
+    the newest frame, `echoed` that of the frame echoed last; None before it, after an interruption or wrong echo."""
 
     counter_period: int
     kept: tuple[int, ...] = ()
@@ -57,9 +53,7 @@ class EchoTracker:
     echoed: int | None = None
 
     def sent(self, counter: int, now_ns: int) -> "EchoTracker":
-        newest = counter
-        if self.newest is not None:
-            newest = self.newest + (counter - self.newest) % self.counter_period
+        newest = counter if self.newest is None else self.newest + (counter - self.newest) % self.counter_period
         return replace(self, newest=newest, kept=(*self.kept, now_ns)[-self.counter_period :])
 
     def interrupted(self) -> "EchoTracker":
@@ -88,14 +82,9 @@ class EchoTracker:
 
 @dataclass(frozen=True, kw_only=True)
 class Actuation:
-    """The result of the jets' driver for one control period.
-
-    Attributes:
-        action: action at the period's end, in U_inf W.
-        command: valid command frame that arrived in the period; None without such a frame.
-        next_period: whether this command acts only in the next period; until then the jets follow the previous command.
-        sampled_ns: sampling time of the command's pressures; None without a command.
-    """
+    """The result of the jets' driver for one control period: the action at its end in U_inf W, the valid command frame
+    that arrived in it, and the sampling time of this command's pressures; None without a command. With `next_period`
+    the command acts only in the next period; until then the jets follow the previous command."""
 
     action: float
     command: Frame | None
@@ -107,10 +96,8 @@ class VehicleNode:
     """The four transducers and the jets' driver on one CAN node. Raises ConfigError if the plant lacks a sensor with a
     given name, if a name occurs twice, or if only one of `bus.key` and `authentication` is given.
 
-    Args:
-        sensor_names: sensors of the transducers, in the order of the bundle.
-        authentication: key and freshness values of the node; None without `bus.key`.
-        read: function from (Cp at the S transducers, shape (S,), time in ns) to the transducers' readings.
+    `sensor_names` are in the order of the bundle. `read` is a function from (Cp at the S transducers, shape (S,), time
+    in ns) to the transducers' readings.
 
     Attributes:
         operating_point, action_limit: the vehicle's own values, initially as in `config`.
@@ -158,18 +145,15 @@ class VehicleNode:
         self._driven_to = 0.0  # action of the latest period, before the actuator's delay
         self._commanded = DelayLine.filled(config.vehicle.actuator_delay)
         self._echo = EchoTracker(counter_period=profile_of(self._messages.pressure.spec).counter_period)
-        # The ECU's command gate accepts pressures with ages of up to 1 + hold_periods + decay_periods periods;
-        # computation and transmission add at most one period.
+        # The ECU's command gate accepts ages of up to 1 + hold_periods + decay_periods; computing and way add one.
         self._oldest_echo = 2 + config.ecu.hold_periods + config.ecu.decay_periods
         self.frames_sent = 0
 
     def sample(self, cp: Array, *, enable_request: bool, now_ns: int, age_ns: int = 0) -> Frame:
         """Return the Pressure frame of the instant `now_ns`. The frame states that its pressures are `age_ns` old.
-        `cp`, shape (n,), has the wall pressures Cp at all n sensors of the plant.
-
-        A pressure beyond the transducer's range saturates, NaN becomes 0, and both are marked invalid. After the
-        vehicle has given up control, its frames request no control until `enable_request` has been False once.
-        """
+        `cp`, shape (n,), has the wall pressures Cp at all n sensors of the plant. A pressure beyond the transducer's
+        range saturates, NaN becomes 0, and both are marked invalid. After the vehicle has given up control, its frames
+        request no control until `enable_request` has been False once."""
         if not enable_request:
             self._missed.clear()
             self.has_given_up = False
@@ -208,11 +192,9 @@ class VehicleNode:
         return frame
 
     def apply_commands(self, frames: Sequence[Frame]) -> Actuation:
-        """Return the jets' action that follows from the frames received in one control period.
-
-        Without a valid command the vehicle keeps the last action for `ecu.hold_periods` periods, like the ECU; then the
-        jets shut. They shut immediately if the vehicle no longer wants control or gives up control.
-        """
+        """Return the jets' action that follows from the frames received in one control period. Without a valid command
+        the vehicle keeps the last action for `ecu.hold_periods` periods, like the ECU; then the jets shut. They shut
+        immediately if the vehicle no longer wants control or gives up control."""
         before, spec = self._action, self._receiver.spec
         self._verifier, frames, _ = verified(self._verifier, frames, spec=spec, key=self._key)
         frame = self._receiver.tick(frames).live
@@ -237,12 +219,9 @@ class VehicleNode:
             self._action = self._in_reach_of(self._driven_to, self._action)
         self._driven_to = before if self._next_period else self._action
         self._commanded = self._commanded.pushed(self._driven_to)  # also while the jets are stuck
-        return Actuation(
-            action=self._commanded.in_force if self.stuck_at is None else self.stuck_at,
-            command=None if command is None else frame,
-            sampled_ns=None if command is None else self._echo.sampled_ns,
-            next_period=self._next_period,
-        )
+        action = self._commanded.in_force if self.stuck_at is None else self.stuck_at
+        frame, sampled_ns = (None, None) if command is None else (frame, self._echo.sampled_ns)
+        return Actuation(action=action, command=frame, sampled_ns=sampled_ns, next_period=self._next_period)
 
     def _count(self, command: JetCommand | None) -> None:
         """If the ECU is in control, record whether this period had a usable command."""

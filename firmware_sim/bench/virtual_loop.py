@@ -45,10 +45,8 @@ from wake.plant.sample import Sample
 def check_bit_rates(config: Config) -> None:
     """Raise BusError if a pressure frame takes a whole control period or longer."""
     if (takes_ns := _pressure_frame_ns(config)) >= config.period_ns:
-        raise BusError(
-            f"a pressure frame takes {takes_ns / 1e6:g} ms, but a control period only {config.period_ns / 1e6:g} ms: "
-            "raise bus.nominal_bitrate or bus.data_bitrate"
-        )
+        times = f"{takes_ns / 1e6:g} ms, but a control period only {config.period_ns / 1e6:g} ms"
+        raise BusError(f"a pressure frame takes {times}: raise bus.nominal_bitrate or bus.data_bitrate")
 
 
 def _pressure_frame_ns(config: Config) -> int:
@@ -59,18 +57,10 @@ def _pressure_frame_ns(config: Config) -> int:
 
 class VirtualLoop(NeverCopied):
     """The closed loop, which runs control periods one by one. A pressure frame must be shorter than a control period
-    (`check_bit_rates`).
-
-    Args:
-        plant: the flow, at the start of a control period.
-        bus: the bus, at time 0; the loop advances its time.
-        at_vehicle, at_ecu: the nodes' ports of this bus, or wrappers around these ports.
-        ecu_clock: function from a time of the run to the time on the ECU's clock, in ns.
-
-    Attributes:
-        planned_ns: computing times in ns of all steps so far in which the controller planned.
-        now_ns: start time of the next period.
-    """
+    (`check_bit_rates`). The plant must be at the start of a control period. The bus must be at time 0, and the loop
+    advances it; the nodes' ports may have wrappers. `ecu_clock` converts a time of the run to the time on the ECU's
+    clock, in ns. `planned_ns` has the computing times in ns of all steps so far in which the controller planned;
+    `now_ns` is the start of the next period."""
 
     INSTEAD: ClassVar = "bus and nodes call each other; repeat the run, which gives the same result bit for bit"
 
@@ -128,11 +118,11 @@ class VirtualLoop(NeverCopied):
     def reset_ecu(self, boot_ns: int) -> None:
         """Make the ECU lose its state at the bus's present time and start again after `boot_ns`. Until then it receives
         nothing. Freshness values (in non-volatile memory) and the CAN controller's counts are kept."""
-        state, rejected = self._ecu.state, self._ecu.frames_rejected
+        state = self._ecu.state
         speed = replace(self._power_on.speed, verifier=state.speed.verifier)
         fresh = replace(self._power_on, verifier=state.verifier, speed=speed, freshness=state.freshness)
         self._ecu.restore(replace(fresh, health=state.health))
-        self._rejected += rejected - self._ecu.frames_rejected
+        self._rejected += state.frames_rejected - self._ecu.state.frames_rejected
         self._pressures_came()
         self._newest.clear()
         self._inbox, self._boots, self._busy_until_ns = [], self._boots + 1, 0
@@ -150,7 +140,7 @@ class VirtualLoop(NeverCopied):
     def totals(self) -> BusTotals:
         """Return the frame counts so far; a frame that is still being transmitted does not count as lost."""
         sent = self._node.frames_sent + self._commands_sent
-        rejected = self._rejected + self._ecu.frames_rejected + self._node.frames_rejected
+        rejected = self._rejected + self._ecu.state.frames_rejected + self._node.frames_rejected
         under_way = sum(self._bus.under_way(spec.frame_id) for spec in (self._pressure, self._command))
         return BusTotals(sent=sent, lost=max(sent - self._arrived - under_way, 0), rejected=rejected)
 

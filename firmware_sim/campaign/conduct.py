@@ -1,12 +1,12 @@
 """The execution of a campaign: it computes the missing runs, and classifies the outcome of every scenario. Any process
 can execute a run, under control or without control, from the run's data."""
 
-import hashlib
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from hashlib import sha256
 from importlib.metadata import version
 from typing import Any, Final
 
@@ -28,13 +28,11 @@ from firmware_sim.bench.simulation import Simulation, Spans
 from firmware_sim.campaign.folder import (
     CAMPAIGN_SCHEMA,
     COURSE,
-    MOST_KEPT,
     CampaignFolder,
     KeptCourse,
     MeanFigures,
     RunOutcome,
     RunService,
-    digest_of,
     keep_states,
     starting_states,
 )
@@ -47,8 +45,8 @@ from wake.truck.truck_wake import TruckWake
 
 _SETTINGS: Final = ("bus", "ecu", "vehicle", "flow.reynolds", "flow.substeps")
 """Sections and settings that a scenario may change. The release fixes the controller and its period in t_c."""
-PlantKey = tuple[FlowConfig, BodyConfig]
-
+_MOST_KEPT: Final = 20
+"""Largest number of violations that are stored as text; all violations are counted."""
 MARGIN_PERIODS: Final = 2
 """Number of periods that the lead-in needs in addition to those that fill the window; the first frames add no row."""
 
@@ -66,11 +64,6 @@ class RunTask:
     seed: int
     timing: Spans
 
-    @property
-    def plant(self) -> PlantKey:
-        """Key under which the initial states of the run's plant are stored."""
-        return plant_of(self.config)
-
     def key(self, bundle_digest: str, start_digest: str, program_version: str) -> str:
         """Return the hash, as hexadecimal digits, of everything that the run depends on."""
         deciding: dict[str, Any] = {
@@ -83,10 +76,10 @@ class RunTask:
             "start": start_digest,
             "version": program_version,
         }
-        return hashlib.sha256(json.dumps(deciding, sort_keys=True).encode()).hexdigest()
+        return sha256(json.dumps(deciding, sort_keys=True).encode()).hexdigest()
 
 
-def plant_of(config: Config) -> PlantKey:
+def plant_of(config: Config) -> tuple[FlowConfig, BodyConfig]:
     """Return the settings that a starting state has to match."""
     return config.flow, config.body
 
@@ -101,16 +94,14 @@ def settings_of(scenario: Scenario, config: Config) -> Config:
         raise ConfigError(f"scenario {scenario.name!r}: {error}") from error
     for name in sorted(loaded.in_overrides):
         if not {name, name.partition(".")[0]} & set(_SETTINGS):
-            raise ConfigError(
-                f"scenario {scenario.name!r}: {name}: a scenario can set only {', '.join(_SETTINGS)}; for all runs, "
-                "use --set"
-            )
+            rule = f"a scenario can set only {', '.join(_SETTINGS)}; for all runs, use --set"
+            raise ConfigError(f"scenario {scenario.name!r}: {name}: {rule}")
     return plant
 
 
 def seed_of(seed: int, name: str, phase: int) -> int:
     """Return a run's seed, which depends only on the campaign's seed, the run's name and its phase."""
-    return int.from_bytes(hashlib.sha256(f"{seed}/{name}/{phase}".encode()).digest()[:4])
+    return int.from_bytes(sha256(f"{seed}/{name}/{phase}".encode()).digest()[:4])
 
 
 def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
@@ -126,11 +117,8 @@ def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
 def flow_disturbances(texts: Iterable[str]) -> tuple[str, ...]:
     """Return the texts of the disturbances that act on the flow, and thus also in the runs without control."""
     disturbances = Disturbances.parse(texts)
-    return tuple(
-        text
-        for text, one in zip(disturbances.texts, disturbances.items, strict=True)
-        if isinstance(one, GustyWind | OtherBody | Reynolds)
-    )
+    both = zip(disturbances.texts, disturbances.items, strict=True)
+    return tuple(text for text, one in both if isinstance(one, GustyWind | OtherBody | Reynolds))
 
 
 def _under_control(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
@@ -141,19 +129,15 @@ def _under_control(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
     enabled_t = float(log.series["t"][log.enabled_at])
     course = KeptCourse.of(log.series, enabled_t)
     broken = [f"period {one.period}: {one.invariant}: {one.detail}" for one in observer.violations]
-    return RunOutcome(
-        key="",
-        figures=MeanFigures.over(course, enabled_t + task.timing.settle),
-        course=course,
-        service=_service(log, broken),
-    )
+    figures = MeanFigures.over(course, enabled_t + task.timing.settle)
+    return RunOutcome(key="", figures=figures, course=course, service=_service(log, broken))
 
 
 def _free(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
     """Run the flow without control, for the length of a run under control."""
     config, wake = task.config, _wake(task, start)
     lead_in, periods = task.timing.periods(config.flow.control_period)
-    disturbing = Disturbing(Disturbances.parse(task.disturb), config, bundle.manifest.sensors, task.seed)
+    disturbing = Disturbing(Disturbances.parse(task.disturb), config, bundle.manifest.sensors, task.seed, {})
     samples = list(uncontrolled(wake, disturbing, config, periods))
     series = {name: np.array([getattr(sample, name) for sample in samples]) for name in COURSE}
     enabled_t = samples[lead_in].t
@@ -182,7 +166,7 @@ def _service(log: RunLog, broken: list[str]) -> RunService:
         frames_lost=log.bus.lost,
         frames_rejected=log.bus.rejected,
         violations=len(broken),
-        broken=broken[:MOST_KEPT],
+        broken=broken[:_MOST_KEPT],
     )
 
 
@@ -204,10 +188,8 @@ class Campaign:
         lead_in, total = self.timing.periods(period)
         # The last sample of a run is taken at the start of its last period, one period before the end of the run.
         if (latest := round((total - lead_in - 1) * period, 9)) < self.timing.settle:
-            raise StillwakeError(
-                f"--settle {self.timing.settle:g}: must be at most {latest:g} with --controlled "
-                f"{self.timing.controlled:g}, or nothing is left to average"
-            )
+            rule = f"must be at most {latest:g} with --controlled {self.timing.controlled:g}"
+            raise StillwakeError(f"--settle {self.timing.settle:g}: {rule}, or nothing is left to average")
         controller = OnnxController.of(self.bundle)
         for scenario in self.scenarios:
             config = settings_of(scenario, self.config)
@@ -251,23 +233,18 @@ def conduct(
     scheduler: str | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, name: None,
 ) -> Result:
-    """Compute the missing runs of a campaign; reuse the runs of an earlier call. Nothing is written before the first
-    run has finished. Raises StillwakeError if the folder cannot be written, a starting state cannot be computed, or the
-    workers (`contract.side_by_side.spread`) fail.
-
-    Args:
-        campaign: a campaign that has passed `Campaign.check`; its folder has passed `CampaignFolder.check`.
-        progress: called with (runs done, total runs, name of the run just finished); before the first run it is called
-            with (0, 0, text about the wake that is being computed).
-    """
+    """Compute the missing runs of a campaign that has passed `Campaign.check` and `CampaignFolder.check`; reuse the
+    runs of an earlier call. Nothing is written before the first run has finished. `progress` is called with (runs done,
+    total runs, name of the run just finished), and before the first run with (0, 0, text about the wake in work).
+    Raises StillwakeError if the folder cannot be written, or a starting state or the workers (`spread`) fail."""
     if scheduler is not None:
         with dask_client(1, scheduler):
             pass  # tests the connection now, because the initial states may take minutes
-    pairs = {scenario.name: _tasks(campaign, scenario) for scenario in campaign.scenarios}
+    pairs = {scenario.name: list(_tasks(campaign, scenario)) for scenario in campaign.scenarios}
     tasks = {task.name: task for found in pairs.values() for pair in found for task in pair}
     plants = {plant_of(campaign.config): ""}
     for name, found in pairs.items():
-        plants.setdefault(found[0][0].plant, name)
+        plants.setdefault(plant_of(found[0][0].config), name)
 
     def developing(scenario: str, t: float, total: float) -> None:
         progress(0, 0, f"the wake of {scenario or 'all'}, {t:.0f} of {total:.0f} t_c")
@@ -277,9 +254,9 @@ def conduct(
     for plant, scenario in plants.items():
         config = replace(campaign.config, flow=plant[0], body=plant[1])
         starts[plant] = starting_states(kept, config, campaign.phases, scenario, partial(developing, scenario))
-    digests = {plant: [digest_of(state) for state in states] for plant, states in starts.items()}
+    digests = {plant: [sha256(one.flat.tobytes()).hexdigest() for one in states] for plant, states in starts.items()}
     keys = {
-        task.name: task.key(campaign.bundle.digest, digests[task.plant][task.phase], version("stillwake"))
+        task.name: task.key(campaign.bundle.digest, digests[plant_of(task.config)][task.phase], version("stillwake"))
         for task in tasks.values()
     }
     reused = {name: outcome for name, key in keys.items() if (outcome := folder.outcome(name, key)) is not None}
@@ -305,7 +282,7 @@ def conduct(
     progress(len(outcomes), len(tasks), "")
     spread(
         [task for name, task in tasks.items() if name not in reused],
-        lambda task: (run_task, task, campaign.bundle, starts[task.plant][task.phase]),
+        lambda task: (run_task, task, campaign.bundle, starts[plant_of(task.config)][task.phase]),
         workers=workers,
         scheduler=scheduler,
         names=lambda task: (f"run {task.name}", "finished runs are stored"),
@@ -320,31 +297,17 @@ def conduct(
     return Result(rows=judged(campaign.scenarios, phases), made=len(tasks) - len(reused), kept=len(reused))
 
 
-def _tasks(campaign: Campaign, scenario: Scenario) -> list[tuple[RunTask, RunTask]]:
-    """Return the runs of a scenario from each starting phase: without control in the same flow, and under control."""
+def _tasks(campaign: Campaign, scenario: Scenario) -> Iterator[tuple[RunTask, RunTask]]:
+    """Yield the runs of a scenario from each starting phase: without control in the same flow, and under control."""
     config, of_flow = settings_of(scenario, campaign.config), flow_disturbances(scenario.disturb)
     free_config = replace(campaign.config, flow=config.flow, body=config.body)
     is_changed = of_flow or plant_of(config) != plant_of(campaign.config)
     free_name = f"{scenario.name}.{UNCONTROLLED}" if is_changed else UNCONTROLLED
-    pairs = []
     for phase in range(campaign.phases):
-        name = f"{free_name}.phase{phase}"
+        name, timing = f"{free_name}.phase{phase}", campaign.timing
+        seed = seed_of(campaign.seed, name, phase)
         free = RunTask(
-            name=name,
-            disturb=of_flow,
-            config=free_config,
-            controlled=False,
-            phase=phase,
-            seed=seed_of(campaign.seed, name, phase),
-            timing=campaign.timing,
+            name=name, disturb=of_flow, config=free_config, controlled=False, phase=phase, seed=seed, timing=timing
         )
-        under = replace(
-            free,
-            name=f"{scenario.name}.phase{phase}",
-            disturb=scenario.disturb,
-            config=config,
-            controlled=True,
-            seed=seed_of(campaign.seed, scenario.name, phase),
-        )
-        pairs.append((free, under))
-    return pairs
+        name, seed = f"{scenario.name}.phase{phase}", seed_of(campaign.seed, scenario.name, phase)
+        yield free, replace(free, name=name, disturb=scenario.disturb, config=config, controlled=True, seed=seed)

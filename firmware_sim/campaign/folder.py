@@ -8,7 +8,6 @@ runs/NAME.phase0.json   the outcome of a finished run
 table.csv, figures/, report.html
 """
 
-import hashlib
 import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
@@ -34,8 +33,6 @@ COURSE: Final = ("t", "Cd", "Cl", "action")
 """Names of the stored series, which have one value per control period."""
 DECIMALS: Final = 6
 """Number of decimals of the stored series. At the default operating point, the bus resolves actions to 3.2e-6."""
-MOST_KEPT: Final = 20
-"""Largest number of violations that are stored as text; all violations are counted."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,25 +65,15 @@ class MeanFigures:
         """Average over the samples from `from_t` on, so runs with and without control cover the same instants."""
         kept = np.array(course.t) >= from_t - 1e-9  # allows for rounding in sums of spans
         cd, cl, action = (np.array(getattr(course, name))[kept] for name in ("Cd", "Cl", "action"))
-        return cls(
-            Cd=float(cd.mean()),
-            abs_Cl=float(np.abs(cl).mean()),
-            mean_Cl=float(cl.mean()),
-            rms_action=float(np.sqrt((action**2).mean())),
-        )
+        rms = float(np.sqrt((action**2).mean()))
+        return cls(Cd=float(cd.mean()), abs_Cl=float(np.abs(cl).mean()), mean_Cl=float(cl.mean()), rms_action=rms)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunService:
-    """The counts of the ECU and the bus in a run under control.
-
-    Attributes:
-        requested: number of periods with a request for control after the controller's window was filled.
-        in_control: number of these periods in which the controller planned.
-        latches: number of times that the ECU latched a fault.
-        reasons: number of periods with a request in which the controller did not plan, by the name of the ECU's Reason.
-        frames_sent, frames_lost, frames_rejected: counts of pressure frames and commands.
-    """
+    """The counts of the ECU and the bus in a run under control: periods with a request for control after the
+    controller's window was filled, those of them in which the controller planned, latched faults, periods in which the
+    controller did not plan by the name of the ECU's Reason, pressure frames and commands, violated invariants."""
 
     requested: int
     in_control: int
@@ -112,8 +99,6 @@ class RunOutcome:
 
 
 class CampaignFolder:
-    """The paths and files of one campaign."""
-
     def __init__(self, path: Path) -> None:
         self.path, self.figures = path, path / "figures"
         self.table, self.report = path / "table.csv", path / "report.html"
@@ -134,9 +119,8 @@ class CampaignFolder:
             raise OutputError(f"{self.path}: holds files that no campaign wrote; give another folder")
         if present != _plain(label) and not overwrite:
             names = ", ".join(sorted(n for n in present.keys() | label.keys() if present.get(n) != label.get(n)))
-            raise OutputError(
-                f"{self.path}: holds a campaign with other {names}; give another folder, or --overwrite to replace it"
-            )
+            remedy = "give another folder, or --overwrite to replace it"
+            raise OutputError(f"{self.path}: holds a campaign with other {names}; {remedy}")
 
     def has_starts_of(self, label: Mapping[str, Any]) -> bool:
         """Return whether the initial states in the folder have the program, phases and settings of this label."""
@@ -230,10 +214,6 @@ def keep_states(folder: CampaignFolder, states: Sequence[State], scenario: str =
     """Write the states of all starting phases to the files that `starting_states` reads."""
     for number, state in enumerate(states):
         save_state(folder.start(number, scenario), state)
-
-
-def digest_of(state: State) -> str:
-    return hashlib.sha256(state.flat.tobytes()).hexdigest()
 
 
 def _kept(file: Path, config: Config) -> State | None:

@@ -16,6 +16,9 @@ from firmware_sim.campaign.folder import RunOutcome, RunService
 from firmware_sim.campaign.scenario import UNDISTURBED, Criteria, Scenario
 from firmware_sim.runs.statistics import rounded
 
+MATRIX_HEADS: Final = ("scenario", "safe", "use", "less drag, %", "mean |Cl|", "in control, %", "latched")
+"""Column heads for the texts that `cells` returns."""
+
 
 class Use(StrEnum):
     """The classes of the controller's benefit under a disturbance."""
@@ -57,13 +60,9 @@ class Spread:
 
 @dataclass(frozen=True, kw_only=True)
 class ScenarioRow:
-    """The outcome of one scenario.
-
-    Attributes:
-        safe: whether the runs from all starting phases finished without a violated invariant.
-        reduction: reduction of wall drag in percent, relative to the run from the same starting phase without control.
-        lost: mean reduction in the undisturbed scenario minus mean reduction in this one, in percentage points.
-    """
+    """The outcome of one scenario, which is safe if the runs from all starting phases finished without a violated
+    invariant. `reduction` is the reduction of wall drag in percent, relative to the run from the same starting phase
+    without control; `lost` is the undisturbed scenario's mean reduction minus this one's, in percentage points."""
 
     scenario: Scenario
     phases: tuple[PhaseOutcomes, ...]
@@ -188,10 +187,6 @@ def criteria_text(criteria: Criteria) -> str:
         f"at least {criteria.useful:g} of the undisturbed drag reduction, and mean |Cl| at most {criteria.abs_Cl:g} of "
         f"its value without control; marginal: more than {criteria.marginal:g} of that reduction; otherwise none"
     )
-
-
-MATRIX_HEADS: Final = ("scenario", "safe", "use", "less drag, %", "mean |Cl|", "in control, %", "latched")
-"""Column heads for the texts that `cells` returns."""
 
 
 def cells(row: ScenarioRow) -> tuple[str, ...]:

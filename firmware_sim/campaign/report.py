@@ -1,9 +1,7 @@
 """The report of a campaign: one self-contained HTML page with a table of the results, curves, and a section for each
-group of scenarios. The table and the figures are also written to separate files.
-
-The figures show drag and side force against noise and delay, and an overview of all scenarios. The paper's results
-under noise and delay are shown as far as its text states numbers (section 3.3, appendix B).
-"""
+group of scenarios. The table and the figures are also written to separate files. The figures show drag and side force
+against noise and delay, and an overview of all scenarios. The paper's results under noise and delay are shown as far as
+its text states numbers (section 3.3, appendix B)."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -28,8 +26,6 @@ from firmware_sim.runs import pages
 PAPERS_UNCONTROLLED_CD: Final = 1.051
 PAPERS_DELAYED_CD: Final = {0: 0.918, 12: 0.950}
 """Mean Cd under control in the paper (appendix B), by the compensated delay of the actuator in control periods."""
-PAPERS_NOISE: Final = "consistent drag reduction across all tested noise levels"
-"""The paper's statement on noise of 10 to 90 % of the global deviation (appendix B), without numbers."""
 BLUE: Final = "#0072B2"
 VERMILLION: Final = "#D55E00"
 COLOURS: Final = {Use.USEFUL: BLUE, Use.MARGINAL: "#E69F00", Use.NONE: VERMILLION}
@@ -39,8 +35,8 @@ _BARS: Final = "Bars: smallest and largest value of several starts."
 _CURVES: Final = {
     "noise": (
         "Sensor noise",
-        f"{_BARS} Star: the paper's loop without noise. For noise the paper states "
-        f"{PAPERS_NOISE!r} and shows a picture without numbers.",
+        f"{_BARS} Star: the paper's loop without noise. For noise the paper states 'consistent drag reduction across "
+        "all tested noise levels' and shows a picture without numbers.",
     ),
     "delay": (
         "Actuator delay",
@@ -64,6 +60,7 @@ def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day
         with replacing(folder.figures / f"{name}.png") as temporary:
             temporary.write_bytes(png)
     manifest, tree = campaign.bundle.manifest, loading.to_tree(campaign.config)
+    by_group = groupby(result.rows, lambda row: row.scenario.group)
     pages.write(
         folder.report,
         "campaign.html.j2",
@@ -79,10 +76,7 @@ def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day
         heads=judgement.MATRIX_HEADS,
         criteria=criteria_text(Criteria()),
         words_of=criteria_text,
-        groups=[
-            (title, [(row, judgement.cells(row)) for row in rows])
-            for title, rows in groupby(result.rows, lambda row: row.scenario.group)
-        ],
+        groups=[(title, [(row, judgement.cells(row)) for row in rows]) for title, rows in by_group],
         curves=[(_CURVES[name][0], pages.data_uri(png), _CURVES[name][1]) for name, png in pictures.items()],
         settings=[f"{name} = {value}" for name, value in loading.leaves({name: tree[name] for name in _USED})],
     )
@@ -104,10 +98,7 @@ def curve(rows: Sequence[ScenarioRow], pattern: str) -> Points:
 def figures_of(rows: Sequence[ScenarioRow]) -> dict[str, Figure]:
     """Return all figures by file name: the curves that have at least two points, and the overview."""
     noise = {"this loop": curve(rows, r"noise_(\d+\.?\d*)")}
-    delays = {
-        "compensated": curve(rows, r"delay_(\d+)"),
-        "not compensated": curve(rows, r"delay_(\d+)_uncompensated"),
-    }
+    delays = {"compensated": curve(rows, r"delay_(\d+)"), "not compensated": curve(rows, r"delay_(\d+)_uncompensated")}
     # The paper states no Cd under noise, so the paper's only point in this figure is the undisturbed loop.
     undisturbed = {0: PAPERS_DELAYED_CD[0]}
     found = {
@@ -159,9 +150,8 @@ def overview_figure(rows: Sequence[ScenarioRow]) -> Figure:
             if isfinite(value.mean):
                 axes.plot([value.least, value.most], [place, place], color=style["color"], linewidth=2.0, alpha=0.5)
                 axes.plot(value.mean, place, linestyle="", markersize=6, **style)
-    left.set_yticks(
-        range(len(rows)), [f"{'' if row.safe else 'UNSAFE  '}{row.scenario.name}" for row in rows], fontsize=8
-    )
+    names = [f"{'' if row.safe else 'UNSAFE  '}{row.scenario.name}" for row in rows]
+    left.set_yticks(range(len(rows)), names, fontsize=8)
     left.set_ylim(len(rows) - 0.4, -0.6)
     left.axvline(0.0, color="0.4", linewidth=0.8)
     left.set_xlabel("less wall drag than without control / %")

@@ -67,14 +67,9 @@ class Criteria:
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """A scenario of a test plan. Raises ConfigError if the name or the sentence is invalid.
-
-    Attributes:
-        name: lower-case letters, digits, dots and underscores; unique in a plan.
-        group: title of the scenario's group in the plan.
-        disturb: texts of the disturbances (`firmware_sim.bench.disturbances`); times in s from the start of the run.
-        settings: `section.key=value` texts that override the campaign's settings.
-    """
+    """A scenario of a test plan, with the title of its group. `disturb` has the texts of disturbances
+    (`firmware_sim.bench.disturbances`), with times in s from the start of the run; `settings` has `section.key=value`
+    texts that override the campaign's settings. Raises ConfigError if the name or the sentence is invalid."""
 
     name: str
     group: str

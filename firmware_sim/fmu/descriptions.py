@@ -24,16 +24,10 @@ def model_description(
 ) -> ElementTree.Element:
     """Return `modelDescription.xml` in FMI 3.0. It has no date, so equal releases and vehicles give equal bytes."""
     name, period = bundle.manifest.name, repr(config.period_ns / 1e9)
-    root = ElementTree.Element(
-        "fmiModelDescription",
-        fmiVersion="3.0",
-        modelName=f"ECU with {name}",
-        instantiationToken=token,
-        description=f"Flow controller: the whole ECU in C with the release {name}, bundle {bundle.digest}",
-        version=f"{bundle.short_hash:08x}",
-        generationTool="stillwake",
-        variableNamingConvention="structured",
-    )
+    about = f"Flow controller: the whole ECU in C with the release {name}, bundle {bundle.digest}"
+    facts = {"fmiVersion": "3.0", "modelName": f"ECU with {name}", "instantiationToken": token, "description": about}
+    facts |= {"version": f"{bundle.short_hash:08x}", "generationTool": "stillwake"}
+    root = ElementTree.Element("fmiModelDescription", facts, variableNamingConvention="structured")
     can = ["canGetAndSetFMUState", "canSerializeFMUState", "canHandleVariableCommunicationStepSize"]
     can += ["hasEventMode"] if kind.bus else []
     _add(root, "CoSimulation", dict.fromkeys(can, "true"), modelIdentifier=IDENTIFIER, fixedInternalStepSize=period)

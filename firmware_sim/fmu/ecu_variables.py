@@ -1,8 +1,6 @@
-"""The variables of the ECU's FMU, each with the DBC signal that contains the variable's value.
-
-A variable's index in the list is its value reference. The list is written in two forms: as a table for the wrapper in C
-(`ecu/c/fmu/sw_fmu.c`), and as `modelDescription.xml` (`firmware_sim.fmu.descriptions`).
-"""
+"""The variables of the ECU's FMU, each with the DBC signal that contains the variable's value. A variable's index in
+the list is its value reference. The list is written as a table for the wrapper in C (`ecu/c/fmu/sw_fmu.c`), and as
+`modelDescription.xml` (`firmware_sim.fmu.descriptions`)."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -31,8 +29,6 @@ _C_TYPES: Final = {"Float64": "FLOAT64", "UInt32": "UINT32", "Boolean": "BOOLEAN
 _C_TYPES_2: Final = _C_TYPES | {"UInt32": "INT32", "Enumeration": "INT32"}
 """C types in the wrapper for FMI 2.0, which has only one integer type."""
 _SIGNAL: Final = re.compile(r"^ SG_ (\w+) : (\d+)\|(\d+)@1([+-]) ", re.MULTILINE)
-
-
 _VEHICLE: Final = """
 pressure.*     | pressure.Pressure      | Float64     | Pa     | 0  | Wall pressure, relative to the free stream
 valid.*        | pressure.Valid         | Boolean     |        | 1  | Whether the sensor reports itself as valid
@@ -114,6 +110,9 @@ def wrapper_settings(variables: Sequence[Variable], token: str, config: Config, 
         direction = item.causality.upper() if item.causality != "independent" else "OUTPUT"
         values = types[item.type], direction, item.start or 0, message, *signal, scale
         rows.append(f"    {{{', '.join(map(str, values))}}}, /* {item.name} */ \\")
+    given = [(i, item.name) for i, item in enumerate(variables) if item.causality in ("input", "parameter")]
+    # The references of `pressure` and `valid` are the first sensor's.
+    first = {name.partition(".")[0]: i for i, name in reversed(given)}
     lines = [
         f'#define SW_FMU_TOKEN "{token}"',
         f"#define SW_FMU_BUS {int(kind.bus)}",
@@ -121,17 +120,11 @@ def wrapper_settings(variables: Sequence[Variable], token: str, config: Config, 
         f"#define SW_FMU_DATA_BITRATE {config.bus.data_bitrate}",
         f"#define SW_FMU_PRESSURE_LIMIT {round(messages.pressure_limit_pa / messages.pressure_resolution_pa)}",
         f"#define SW_FMU_AGE_LIMIT {2 ** signals['pressure']['Age'][1] - 1}",
-        *(f"#define SW_FMU_{name.upper()} {i}u" for name, i in _first_of_each(variables).items()),
+        *(f"#define SW_FMU_{name.upper()} {i}u" for name, i in first.items()),
         f"#define SW_FMU_VARIABLES {len(variables)}",
         "\n".join(["#define SW_FMU_TABLE { \\", *rows, "}"]),
     ]
     return "\n".join(["/* Generated: the variables of an FMU, and their signals. */", *lines, ""]).encode()
-
-
-def _first_of_each(variables: Sequence[Variable]) -> dict[str, int]:
-    """Return the value references of inputs and parameters by name; `pressure` and `valid` are the first sensor's."""
-    numbered = reversed([*enumerate(variables)])
-    return {item.name.partition(".")[0]: i for i, item in numbered if item.causality in ("input", "parameter")}
 
 
 def _signals(messages: MessageSet) -> dict[str, dict[str, tuple[int, int, int]]]:
@@ -139,7 +132,6 @@ def _signals(messages: MessageSet) -> dict[str, dict[str, tuple[int, int, int]]]
     blocks, found = dbc_bytes().decode("utf-8").split("\nBO_ "), {}
     for message, spec in zip(("pressure", "speed", "command", "status"), messages.specs, strict=True):
         block = next(item for item in blocks if item.startswith(f"{spec.frame_id} {spec.name}:"))
-        found[message] = {
-            name: (int(start), int(bits), int(sign == "-")) for name, start, bits, sign in _SIGNAL.findall(block)
-        }
+        rows = _SIGNAL.findall(block)
+        found[message] = {name: (int(start), int(bits), int(sign == "-")) for name, start, bits, sign in rows}
     return found

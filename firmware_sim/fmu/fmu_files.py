@@ -1,8 +1,6 @@
-"""The files of both FMUs, for any tool that imports FMI 3.0 or 2.0.
-
-The FMU of the ECU has the compiled C library and its sources. The FMU of the plant has settings, a script that
-`pythonfmu3` runs, and a binary that checks each call before the script gets it.
-"""
+"""The files of both FMUs, for any tool that imports FMI 3.0 or 2.0. The FMU of the ECU has the compiled C library and
+its sources. The FMU of the plant has settings, a script that `pythonfmu3` runs, and a binary that checks each call
+before the script gets it."""
 
 import hashlib
 import json
@@ -38,7 +36,10 @@ FLAGS: Final = ("-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hi
 """Flags of the compiler. There is no -march, because an FMU may run on another machine."""
 _FLAGS_WINDOWS: Final = ("-target", f"{WINDOWS_64}-gnu", "-O3", "-ffp-contract=off", "-shared", "-s")
 _SETTINGS: Final = "sw_fmu_settings.h"
-_DAY: Final = (1980, 1, 1, 0, 0, 0)
+_PLANT_SETTINGS: Final = "sw_plant_settings.h"
+BEHIND: Final = "pythonfmu.so"
+"""File name of `pythonfmu3`'s binary in the FMU. The binary that checks the calls loads this file."""
+_DESCRIPTION: Final = "modelDescription.xml"
 
 
 def ecu_fmu(ecu: Mapping[str, bytes], bundle: Bundle, config: Config, kind: FmuKind = WITH_SIGNALS) -> bytes:
@@ -91,7 +92,7 @@ def zipped(contents: Mapping[str, bytes]) -> bytes:
     file = BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in contents.items():
-            info = zipfile.ZipInfo(name, _DAY)
+            info = zipfile.ZipInfo(name)  # dated 1980
             info.external_attr = 0o644 << 16
             archive.writestr(info, content, zipfile.ZIP_DEFLATED)
     return file.getvalue()
@@ -108,17 +109,11 @@ def _build_description(sources: Mapping[str, bytes]) -> bytes:
     return xml_bytes(root)
 
 
-_PLANT_SETTINGS: Final = "sw_plant_settings.h"
-BEHIND: Final = "pythonfmu.so"
-"""File name of `pythonfmu3`'s binary in the FMU. The binary that checks the calls loads this file."""
-_DESCRIPTION: Final = "modelDescription.xml"
-
-
 def plant_fmu(config: Config, start: Path | None = None, kind: FmuKind = WITH_SIGNALS) -> bytes:
     """Return the plant's FMU as a file, after a check that its plant can be created. `start` is the file of the initial
     flow state; if None, the shipped state. Raises PlantError if the state is of another plant, or the plant is not
-    stable; LibraryError if there is no compiler, or `pythonfmu3` has no binary for this machine; ModuleNotFoundError
-    if `pythonfmu3` is not installed (extra fmu)."""
+    stable; LibraryError without a compiler, or a binary of `pythonfmu3` for this machine; ModuleNotFoundError without
+    `pythonfmu3` (extra fmu)."""
     from pythonfmu3.builder import FmuBuilder
 
     from firmware_sim.fmu import plant_slave

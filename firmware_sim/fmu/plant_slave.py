@@ -36,11 +36,8 @@ _OWN = ("time", "jet_flow", "vehicle_speed", "_speed", "_start", "_done", "_aske
 
 
 class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
-    """The wake of `stillwake run`, from its initial state on, with inputs and outputs in engineering units.
-
-    Args:
-        resources: folder with `SETTINGS`, a whole configuration, and optionally `START`, the initial flow state.
-    """
+    """The wake of `stillwake run`, from its initial state on, with inputs and outputs in engineering units. The folder
+    `resources` has `SETTINGS`, a whole configuration, and optionally `START`, the initial flow state."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)

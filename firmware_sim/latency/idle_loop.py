@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable, Sequence
 from enum import IntEnum
 from pathlib import Path
-from types import FrameType
 from typing import Final
 
 import numpy as np
@@ -64,11 +63,7 @@ def lateness(rows: Times, period_ns: int) -> Array:
 def main(arguments: Sequence[str]) -> None:
     path, period_ns, periods = arguments
     stopped: list[int] = []
-
-    def stop(number: int, _frame: FrameType | None) -> None:
-        stopped.append(number)
-
-    signal.signal(signal.SIGTERM, stop)
+    signal.signal(signal.SIGTERM, lambda number, _frame: stopped.append(number))
     # Ctrl-C reaches all processes of a terminal; only the parent process may end this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with taken(_WANTED) as privileges:

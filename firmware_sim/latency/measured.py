@@ -10,9 +10,8 @@ from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from contract.arrays import Array
+from contract.arrays import Array, Mask, runs
 from contract.errors import ConfigError, StillwakeError
 from contract.typed import read_toml, typed
 from firmware_sim.latency.idle_loop import IdleStage, lateness
@@ -25,6 +24,20 @@ NEEDED_FOR_P99_9: Final = 1_000
 """Smallest number of values for which the nearest-rank 99.9th percentile may differ from the maximum."""
 COUNTS: Final = ("misses", "misses_ours")
 """Counts over a whole run that a budget may limit: missed commands, and their excess over the idle loop's misses."""
+PAGE: Final = "report.md"
+HEAD: Final = ("stage", "p50", "p99", "p99.9", "max", "misses")
+BUDGET_HEAD: Final = ("limit", "allowed", "measured", "kept")
+LABELS: Final[Mapping[Stage, str]] = {
+    Stage.SAMPLE: "sample",
+    Stage.BUS_TO_ECU: "bus to the ECU",
+    Stage.WAIT: "wait for the step (intended)",
+    Stage.RECEIVE: "receive",
+    Stage.PLAN: "encode and plan",
+    Stage.GATE: "gate",
+    Stage.BUS_TO_VEHICLE: "bus to the vehicle",
+    Stage.ALL: "in all: sampling instant to command",
+    Stage.ACTUATE: "actuate, after the boundary",
+}
 
 
 class Quantiles(NamedTuple):
@@ -84,11 +97,10 @@ class MeasuredRun:
     @property
     def left_control(self) -> bool:
         """Whether the ECU lost control, so that the run does not measure the controller."""
-        gaps = np.flatnonzero(np.diff(np.concatenate([[0], self._without_plan.astype(int), [0]]))).reshape(-1, 2)
-        return bool(len(gaps)) and int((gaps[:, 1] - gaps[:, 0]).max()) >= LEFT_CONTROL
+        return any(end - begin >= LEFT_CONTROL for begin, end in runs(self._without_plan))
 
     @cached_property
-    def _without_plan(self) -> NDArray[np.bool_]:
+    def _without_plan(self) -> Mask:
         without = np.isnan(self.periods.stages[Stage.PLAN])
         without[self.periods.missed] = False
         return without
@@ -112,7 +124,6 @@ class MeasuredRun:
 
     @property
     def counts(self) -> dict[str, int]:
-        """The counts over a whole run that a budget may limit."""
         return {"misses": self.misses, "misses_ours": max(0, self.misses - self.idle_misses)}
 
     @property
@@ -131,10 +142,8 @@ class MeasuredRun:
             line = f"The ECU left control: {self.recorded.fault}. {line}"
         if not self.is_too_noisy:
             return line
-        return (
-            f"This machine is too noisy for a verdict: the idle loop itself was late by more than the slack of "
-            f"{self.slack_ns / 1e6:.1f} ms in {self.idle_misses} periods. {line}"
-        )
+        slack = f"the slack of {self.slack_ns / 1e6:.1f} ms in {self.idle_misses} periods"
+        return f"This machine is too noisy for a verdict: the idle loop itself was late by more than {slack}. {line}"
 
     def figures(self) -> dict[str, Any]:
         """Return the figures for a results file. Latencies are in ms; missing and infinite latencies are None."""
@@ -214,20 +223,15 @@ def verdicts(
     return [KeptLimit(name, allowed, measured[name]) for name, allowed in budget.items()]
 
 
-_WIDTH: Final = 9.0
-"""Width of the figure in inches."""
-BINS: Final = 120
-
-
 def histogram_figure(runs: Sequence[MeasuredRun]) -> Figure:
     """Plot histograms of the time from the sampling instant to the command, and of the idle loop's delays."""
-    figure = Figure(figsize=(_WIDTH, 5.6), dpi=110, layout="constrained")
+    figure = Figure(figsize=(9.0, 5.6), dpi=110, layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
     period_ms = runs[0].periods.period_ns / 1e6
     everything = [run.periods.values(Stage.ALL) for run in runs]
     answers, idle = [values[np.isfinite(values)] / 1e6 for values in everything], [run.idle_late / 1e6 for run in runs]
     longest = max(float(values.max(initial=period_ms)) for values in (*answers, *idle))
-    bins = np.linspace(0.0, 1.02 * longest, BINS + 1).tolist()
+    bins = np.linspace(0.0, 1.02 * longest, 121).tolist()
     above.axvline(period_ms, color="tab:red", linestyle="--", linewidth=1.2, label="boundary of the command")
     for axes, title, values_of, labels in (
         (above, "from the sampling instant to the command", answers, [f"{run.name}: {run.about}" for run in runs]),
@@ -242,23 +246,6 @@ def histogram_figure(runs: Sequence[MeasuredRun]) -> Figure:
             text.set_parse_math(False)  # a bundle's name with two $ is no formula
     below.set_xlabel("ms")
     return figure
-
-
-PAGE: Final = "report.md"
-HEAD: Final = ("stage", "p50", "p99", "p99.9", "max", "misses")
-BUDGET_HEAD: Final = ("limit", "allowed", "measured", "kept")
-
-LABELS: Final[Mapping[Stage, str]] = {
-    Stage.SAMPLE: "sample",
-    Stage.BUS_TO_ECU: "bus to the ECU",
-    Stage.WAIT: "wait for the step (intended)",
-    Stage.RECEIVE: "receive",
-    Stage.PLAN: "encode and plan",
-    Stage.GATE: "gate",
-    Stage.BUS_TO_VEHICLE: "bus to the vehicle",
-    Stage.ALL: "in all: sampling instant to command",
-    Stage.ACTUATE: "actuate, after the boundary",
-}
 
 
 def stage_rows(run: MeasuredRun) -> Iterator[tuple[str, ...]]:

@@ -25,8 +25,6 @@ END_S: Final = 30.0
 OVERTIME: Final = 2.0
 START_S: Final = 60.0
 """Longest time that the vehicle may take: `OVERTIME` times the length of the run, plus `START_S` seconds to start."""
-
-
 ECU, VEHICLE, IDLE = "ecu", "vehicle", "idle"
 
 
@@ -56,13 +54,9 @@ def recorded(
     progress: Callable[[int], None],
 ) -> Recorded:
     """Run the three processes until the vehicle's process ends, and write tables and logs into the existing folder.
-    Raises BusError, with the last line that the process printed, if a process failed, ended too early or did not end.
-    Raises StillwakeError if a process cannot be started or a table cannot be read.
-
-    Args:
-        ecu, vehicle: commands without `--stage-times`; the ECU must report to $NOTIFY_SOCKET when it is ready.
-        progress: called with the number of periods done, about twice a second.
-    """
+    `ecu` and `vehicle` are commands without `--stage-times`; the ECU must report to $NOTIFY_SOCKET when it is ready.
+    `progress` is called with the number of periods done, about twice a second. Raises BusError, with the last line of a
+    process that failed, ended too early or did not end; StillwakeError if it cannot be started, or its table read."""
     tables = {name: folder / f"{name}_times.npz" for name in (ECU, VEHICLE, IDLE)}
     with ExitStack() as stack:
         # The ECU reports on this socket that it is ready (sd_notify(3)).
@@ -122,8 +116,7 @@ class _Child:
             environment["NOTIFY_SOCKET"] = notify
         try:
             with self._log.open("wb") as log:
-                # The process has its own group, so that Ctrl-C reaches only the parent process, which then ends its
-                # child processes in order.
+                # In its own group, the process gets no Ctrl-C: the parent process ends its child processes in order.
                 self.process = subprocess.Popen(
                     command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment, process_group=0
                 )

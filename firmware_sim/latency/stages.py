@@ -1,10 +1,8 @@
-"""The stages of each control period, from the sampling of the pressures to the command computed from them.
-
-The tables of the vehicle and the ECU are joined by the pressure counter in the frames. The whole latency is measured
-from the scheduled instant, not from the actual sampling. Periods that a node slept through are counted too: their
-pressures count as answered when a command computed from later pressures arrives. Otherwise a loop that stalls for many
-periods would count only one slow period (Tene's "coordinated omission").
-"""
+"""The stages of each control period, from the sampling of the pressures to the command computed from them. The tables
+of the vehicle and the ECU are joined by the pressure counter in the frames. The whole latency is measured from the
+scheduled instant, not from the actual sampling. Periods that a node slept through are counted too: their pressures
+count as answered when a command computed from later pressures arrives. Otherwise a loop that stalls for many periods
+would count only one slow period (Tene's "coordinated omission")."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -49,16 +47,11 @@ class Stage(StrEnum):
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Periods:
     """A sequence of n consecutive control periods, including periods that a node left out. Times are in ns from
-    `origin_ns`.
-
-    Attributes:
-        origin_ns: scheduled instant of the first period, CLOCK_MONOTONIC.
-        scheduled: sampling instants, shape (n,).
-        answered: arrival of the first command computed from these or newer pressures, shape (n,); infinite if none.
-        stages: latencies in ns of each stage, shape (n,); NaN for a period without the stage.
-        stalls: by stage, shape (m,): for each of m periods that a node skipped, time in ns to the node's next period.
-        planned: number of periods whose pressures were used for a plan.
-    """
+    `origin_ns`, the scheduled instant of the first period on CLOCK_MONOTONIC. `scheduled`, shape (n,), has the sampling
+    instants, and `answered`, shape (n,), the arrivals of the first commands computed from these or newer pressures;
+    infinity if none. `stages` has the latencies in ns of each stage, shape (n,); NaN for a period without the stage.
+    `stalls`, shape (m,), has for each of m periods that a node skipped the time in ns to the node's next period.
+    `planned` counts the periods whose pressures were used for a plan."""
 
     period_ns: int
     origin_ns: int
@@ -82,14 +75,9 @@ class Periods:
 
 
 def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -> Periods:
-    """Join the tables, from the first period with a plan to the last period that has ended. The E2E counter of the
-    Pressure frames repeats after `counter_period` values. Raises StillwakeError if the tables are from different
-    runs, or there was no plan.
-
-    Args:
-        vehicle: k rows with the columns `VehicleStage`, shape (k, stages).
-        ecu: l rows with the columns `EcuStage`, shape (l, stages).
-    """
+    """Join the tables, from the first period with a plan to the last period that has ended. `vehicle` has the columns
+    `VehicleStage`, shape (k, stages), and `ecu` the columns `EcuStage`, shape (l, stages). The E2E counter of the
+    Pressure frames repeats after `counter_period`. Raises StillwakeError for tables of different runs, or no plan."""
     sent = vehicle[vehicle[:, VehicleStage.SAMPLED] > 0]
     took = ecu[ecu[:, EcuStage.STEP_BEGAN] > 0]
     if len(sent) < 2 or not len(took):

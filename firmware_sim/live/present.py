@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
-from math import isfinite
 from typing import Any, Final
 
 import numpy as np
@@ -18,6 +17,7 @@ from firmware_sim.live.loop.messages import KEPT_PERIODS, PERIOD_COLUMNS, Choice
 from firmware_sim.live.loop.noticing import UNPOWERED, SeenState
 from firmware_sim.live.settings import SLIDERS, WEIGHT, LiveSettings
 from firmware_sim.runs.reasons import BECAUSE
+from firmware_sim.runs.statistics import rounded
 from wake.pictures.drawing import outline
 
 _DIGITS: Final = 5
@@ -70,7 +70,7 @@ def hello(
 
 def periods(run: int, new: Iterable[LivePeriod], base: Index) -> LiveMessage:
     """Return the message about the new periods. `base` has the indices of the base sensors."""
-    return periods_message(run, ([_number(value) for value in _values(period, base)] for period in new))
+    return periods_message(run, ([rounded(value, 9) for value in _values(period, base)] for period in new))
 
 
 def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused: bool) -> LiveMessage:
@@ -92,7 +92,7 @@ def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused
         "plan_from": latest.k + 1,  # period whose sample shows the effect of the plan's first action
         "forecast": _rounded(forces) if planned else [],  # Cd and Cl for the same periods
         "cp": _rounded(latest.row.sample.Cp),  # pressures at all sensors of the body
-        "read": [_number(value) for value in _rounded(run.disturbances.read)],  # readings of the transducers
+        "read": [rounded(value, 9) for value in _rounded(run.disturbances.read)],  # readings of the transducers
         "uncontrolled_Cd": run.drag.uncontrolled,
         "drag_Cd": run.drag.now,
         "reduction_percent": run.drag.reduction_percent,
@@ -115,13 +115,6 @@ def _values(period: LivePeriod, base: Index) -> list[float]:
         "requested": int(period.requested),
     }
     return [own[name] if name in own else getattr(row, name) for name in PERIOD_COLUMNS]
-
-
-def _number(value: float) -> float | None:
-    """Return the rounded value, or None for NaN or infinity, which JSON does not have."""
-    if isinstance(value, int):
-        return value
-    return round(value, 9) if isfinite(value) else None
 
 
 def _rounded(values: Array | None) -> Any:

@@ -34,17 +34,12 @@ _SELDOM: Final = 5
 
 
 class LiveSession(NeverCopied):
-    """A loop and the settings of its viewers. Raises StillwakeError if plant or ECU cannot be created, or if they
-    do not fit each other, the bundle or the vehicle.
-
-    Args:
-        config: settings of the vehicle, with the bundle's operating point and control period.
-        wake: function from the plant's name to a plant in its initial state.
-        ecu: function from the controller's name to an ECU that has just been powered on; called once for each name.
-        ahead: function from the controller's name to a function that prepares a slow ECU, or to None.
-        settings: initial settings; `enable` is not used, because control is requested after `lead_in`, in t_c.
-        clock: wall clock in s.
-    """
+    """A loop and the settings of its viewers. `config` has the bundle's operating point and control period. `wake`
+    returns a plant in its initial state by the plant's name. `ecu` returns an ECU that has just been powered on by the
+    controller's name, and is called once for each name; `ahead` returns a function that prepares a slow ECU, or None.
+    `enable` in the initial settings is not used, because control is requested after `lead_in`, in t_c. `clock` is a
+    wall clock in s. Raises StillwakeError if plant or ECU cannot be created, or if they do not fit each other, the
+    bundle or the vehicle."""
 
     INSTEAD: ClassVar = "bus and nodes call each other; create another session, which gives the same result bit for bit"
 
@@ -70,8 +65,7 @@ class LiveSession(NeverCopied):
         self._choices = {"controller": tuple(controllers), "plant": tuple(plants)}
         self._clock = clock
         self._lead_in = round(lead_in / config.flow.control_period)
-        self._automatic = True
-        self._paused = False
+        self._automatic, self._paused = True, False
         self._hello_due = self._settings_due = self._now_due = False
         self._seen = FIRST_SEEN
         self._runs = 0
@@ -142,8 +136,6 @@ class LiveSession(NeverCopied):
         self._hello_due = self._settings_due = self._now_due = False
         return out
 
-    # The following methods handle viewers' requests.
-
     def _do(self, action: str, value: Any) -> str:
         match action:
             case "set":
@@ -196,7 +188,8 @@ class LiveSession(NeverCopied):
             run.power_on()
 
     def _clear(self) -> str:
-        self._apply(self._settings.without_faults, enable=None)
+        now = self._settings
+        self._apply(LiveSettings(enable=now.enable, controller=now.controller, plant=now.plant), enable=None)
         text = "cleared"
         if self._run.state.sensors.set_aside is not None and not self._run.is_off:
             text += "; the ECU starts again, and uses all sensors again"
@@ -204,8 +197,6 @@ class LiveSession(NeverCopied):
             text += "; the request is withdrawn for a moment, since only a new request starts control"
         self._note("set", text)
         return text
-
-    # The following methods start the plant.
 
     def _start(self, settings: LiveSettings) -> None:
         """Start a run from the plant's initial state, or raise StillwakeError and change nothing."""
@@ -252,8 +243,6 @@ class LiveSession(NeverCopied):
                 raise ConfigError(f"{name} {wanted!r} cannot be chosen here")
             if found["missing"]:
                 raise ConfigError(f"{name} {wanted!r}: {found['missing']}")
-
-    # The following methods create the messages about the present state.
 
     def _present(self, latest: LivePeriod) -> list[LiveMessage | bytes]:
         run, ticks = self._run, self._ticks

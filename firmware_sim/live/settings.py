@@ -1,7 +1,5 @@
-"""The settings that a viewer can change while the loop runs, as one comparable and checked value.
-
-Every fault is a disturbance of `firmware_sim.bench.disturbances`, written as on the command line of a run.
-"""
+"""The settings that a viewer can change while the loop runs, as one comparable and checked value. Every fault is a
+disturbance of `firmware_sim.bench.disturbances`, written as on the command line of a run."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -17,6 +15,10 @@ ACTIONS: Final = ("set", "pause", *_TRUE)
 """Actions of a request. set: change values with `LiveSettings.changed`. pause: pause or continue. clear: reset
 everything except the request, the controller and the plant, and re-arm after a latched fault. power_cycle: restart the
 ECU. restart: start again from the plant's initial state."""
+CONTROLLERS: Final = ("python", "c", "mcu", "off")
+"""Names of the ECUs: Python with the ONNX graph, C on this machine, C on an emulated microcontroller, no supply."""
+PLANTS: Final = ("wake", "recording")
+"""Names of the plants: the flow solver, and recorded pressures, which do not respond to the jets."""
 
 
 def asked(request: object) -> tuple[str, Any]:
@@ -35,12 +37,6 @@ def asked(request: object) -> tuple[str, Any]:
     if action in _TRUE and value is not True:
         raise ConfigError(f"request: {action} must be true")
     return action, value
-
-
-CONTROLLERS: Final = ("python", "c", "mcu", "off")
-"""Names of the ECUs: Python with the ONNX graph, C on this machine, C on an emulated microcontroller, no supply."""
-PLANTS: Final = ("wake", "recording")
-"""Names of the plants: the flow solver, and recorded pressures, which do not respond to the jets."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,19 +63,12 @@ _SWITCHES: Final = ("enable", "babble")
 
 @dataclass(frozen=True, kw_only=True)
 class LiveSettings:
-    """The settings of the running loop; `changed` accepts the result of `asdict`.
-
-    Attributes:
-        enable: whether the vehicle wants control.
-        noise: standard deviation of the noise on every transducer, in global deviations.
-        dead: sensor that reads Cp 0; empty for no sensor.
-        biased: sensor with the bias; empty for no sensor.
-        bias: bias in global deviations.
-        loss: share of the Pressure frames that the ECU does not receive.
-        delay_ms: additional delay of jet commands on their way to the vehicle, in ms.
-        babble: whether a node sends continuously at the highest priority.
-        weights: cost weights; if None, the weights of the release.
-    """
+    """The settings of the running loop; `changed` accepts the result of `asdict`. `enable` is whether the vehicle wants
+    control. The noise has the standard deviation `noise` on every transducer, in global deviations. The sensor `dead`
+    reads Cp 0, and the sensor `biased` has the bias, in global deviations; an empty text means no sensor. `loss` is the
+    share of the Pressure frames that the ECU does not receive, `delay_ms` the additional delay of jet commands to the
+    vehicle. With `babble` a node sends continuously at the highest priority. `weights` are the cost weights; if None,
+    the weights of the release."""
 
     enable: bool = False
     controller: str = CONTROLLERS[0]
@@ -109,11 +98,6 @@ class LiveSettings:
         return replace(self, **values)
 
     @property
-    def without_faults(self) -> Self:
-        """The settings with the present request, controller and plant, and the defaults of all other values."""
-        return type(self)(enable=self.enable, controller=self.controller, plant=self.plant)
-
-    @property
     def disturbances(self) -> tuple[str, ...]:
         """Texts of the disturbances that are set, without times, in a fixed order."""
         texts = (
@@ -133,21 +117,16 @@ def _checked(name: str, value: Any, sensors: Sequence[str]) -> Any:
             raise ConfigError(f"live setting {name} = {value!r}: must be true or false")
         return value
     if name in SLIDERS:
-        return _within(name, value, SLIDERS[name])
+        slider, is_number = SLIDERS[name], isinstance(value, int | float) and not isinstance(value, bool)
+        # The comparison is false for NaN; infinity and very large integers are outside the bounds.
+        if not (is_number and slider.least <= value <= slider.greatest):
+            raise ConfigError(f"live setting {name} = {value!r}: must be in {slider.least:g}..{slider.greatest:g}")
+        return float(value)
     choices = _CHOICES.get(name) or ("", *sensors)
     if value not in choices:
-        raise ConfigError(
-            f"live setting {name} = {value!r}: must be one of {', '.join(item or 'none' for item in choices)}"
-        )
+        names = ", ".join(item or "none" for item in choices)
+        raise ConfigError(f"live setting {name} = {value!r}: must be one of {names}")
     return value
-
-
-def _within(name: str, value: Any, slider: Slider) -> float:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    # The comparison is false for NaN; infinity and very large integers are outside the bounds.
-    if not (is_number and slider.least <= value <= slider.greatest):
-        raise ConfigError(f"live setting {name} = {value!r}: must be in {slider.least:g}..{slider.greatest:g}")
-    return float(value)
 
 
 def _weights(given: Any, now: Calibration, limits: CalibrationLimits) -> CostWeights | None:

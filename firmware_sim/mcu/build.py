@@ -1,5 +1,4 @@
-"""The build of firmware with `ziglang`: it compiles a C library for a bare Cortex-M7, and the library's example program
-for this host. The module also reads ELF files."""
+"""The build of firmware for a bare Cortex-M7, and of a library's example program, with `ziglang`; a reader of ELF."""
 
 import io
 import tempfile
@@ -38,17 +37,16 @@ BUS_KEY: Final = "sw_board_bus_key.h"
 
 @dataclass(frozen=True, kw_only=True)
 class Core:
-    """A Cortex-M with the DSP extension and single-precision floating point. The fields are its names for users and for
-    the compiler, the clock rates for which times are computed, and whether it issues two instructions per cycle."""
+    """A Cortex-M with the DSP extension and single-precision floating point. The fields are its name for the compiler,
+    the clock rates for which times are computed, and whether it issues two instructions per cycle."""
 
-    name: str
     cpu: str
     clocks_mhz: tuple[int, ...]
     dual_issue: bool
 
 
-CORTEX_M7: Final = Core(name="Cortex-M7", cpu="cortex_m7+fp_armv8d16sp", clocks_mhz=(480, 300), dual_issue=True)
-CORTEX_M4F: Final = Core(name="Cortex-M4F", cpu="cortex_m4+vfp4d16sp", clocks_mhz=(170,), dual_issue=False)
+CORTEX_M7: Final = Core(cpu="cortex_m7+fp_armv8d16sp", clocks_mhz=(480, 300), dual_issue=True)
+CORTEX_M4F: Final = Core(cpu="cortex_m4+vfp4d16sp", clocks_mhz=(170,), dual_issue=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,8 +91,7 @@ def compile_for_cortex_m7(
 def compile_board(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None = None) -> bytes:
     """Compile the whole firmware of a board, including its vector table; return an ELF file. `sources` are the sources
     of a library with ECU and board, by path in its folder; files of `own` replace sources with the same name. Raises
-    LibraryError for a library without a board; McuError if the sources do not compile, or `ziglang` is not installed.
-    """
+    LibraryError for a library without a board; McuError if the sources do not compile, or `ziglang` is missing."""
     return _linked(board_files(sources, own), BOARD_SCRIPT, "sw_board_start", CORTEX_M7)
 
 

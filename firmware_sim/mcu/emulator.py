@@ -57,17 +57,11 @@ class BlockCounter:
         self._sizes = np.zeros(places, dtype=np.uint32)
         self._modelled: dict[tuple[int, int], tuple[int, int]] = {}
         self._arguments = _BlockCounts(FLASH, places, self._counts.ctypes.data, self._sizes.ctypes.data)
-        handle = ctypes.c_size_t()
-        library_call: Any = bindings.uclib.uc_hook_add
-        failed = library_call(
-            core._uch,
-            ctypes.byref(handle),
-            unicorn_const.UC_HOOK_BLOCK,
-            ctypes.cast(_library().count_block, ctypes.c_void_p),
-            ctypes.byref(self._arguments),
-            ctypes.c_uint64(1),
-            ctypes.c_uint64(0),
-        )
+        handle, arguments = ctypes.byref(ctypes.c_size_t()), ctypes.byref(self._arguments)
+        count = ctypes.cast(_library().count_block, ctypes.c_void_p)
+        anywhere = ctypes.c_uint64(1), ctypes.c_uint64(0)
+        add: Any = bindings.uclib.uc_hook_add
+        failed = add(core._uch, handle, unicorn_const.UC_HOOK_BLOCK, count, arguments, *anywhere)
         if failed:
             raise McuError(f"the emulator refused a hook: Unicorn's error code {failed}")
 
@@ -93,12 +87,8 @@ class BlockCounter:
 
 
 class EmulatedCore(NeverCopied):
-    """A core with a program in its flash; the program has not started to run.
-
-    Args:
-        memories: address and size in bytes of each writable memory.
-        stack: address and size in bytes of the stack, which starts at the lowest address of one of the memories.
-    """
+    """A core with a program in its flash; the program has not started to run. `memories` has the address and size in
+    bytes of each writable memory, `stack` those of the stack, which is at the lowest address of one of the memories."""
 
     INSTEAD: ClassVar = "its state is in the emulator's memory; create another emulator of the same firmware"
 

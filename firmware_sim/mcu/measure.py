@@ -72,15 +72,10 @@ def measure(
     core: Core = CORTEX_M7,
     phase: Callable[[str], None] = lambda begun: None,
 ) -> Measurement:
-    """Compile a library, run it, and compare it with this host. Raises LibraryError if a setting is missing in the
-    library's header; McuError with the reason if there are too few rows, or the library does not compile or run.
-
-    Args:
-        rows: n rows, shape (n, S+1), with the pressures Cp at the S sensors and the action commanded one step before. n
-            is at least the length of the window.
-        core: core to compile for and to model; the emulated core is a Cortex-M7.
-        phase: called with each of `MCU_PHASES` when it begins.
-    """
+    """Compile a library, run it, and compare it with this host. `rows`, shape (n, S+1), has the pressures Cp at the S
+    sensors and the action commanded one step before; n is at least the length of the window. `core` is compiled for and
+    modelled; the emulated core is a Cortex-M7. `phase` is called with each of `MCU_PHASES`. Raises LibraryError if a
+    setting is missing in the header; McuError if there are too few rows, or the library does not compile or run."""
     settings = ProgramSettings.of(sources)
     window, columns = settings.number("SW_WINDOW"), settings.number("SW_SENSORS") + 1
     if rows.ndim != 2 or rows.shape[1] != columns or len(rows) < window:
@@ -158,7 +153,5 @@ def verdicts(modelled_ms: Mapping[str, float], period: float) -> Iterator[tuple[
     yield "control period", f"{period:g} ms (from the settings; it is not in the library)"
     for clock, needed in modelled_ms.items():
         share = needed / period
-        if share <= 1.0:
-            yield f"at {clock} MHz, by the model", f"fits: {100.0 * share:.0f} % of the period"
-        else:
-            yield f"at {clock} MHz, by the model", f"DOES NOT FIT: {share:.1f} times the period"
+        fits, exceeds = f"fits: {100.0 * share:.0f} % of the period", f"DOES NOT FIT: {share:.1f} times the period"
+        yield f"at {clock} MHz, by the model", fits if share <= 1.0 else exceeds

@@ -25,13 +25,21 @@ from typing import Any, Final
 
 import capstone
 
-_MULTIPLY: Final = ("smla", "smul", "smmul", "mla", "mls", "mul", "umull", "smull", "umlal", "smlal")
-_LOAD: Final = ("ldr", "vldr")
-_STORE: Final = ("str", "vstr")
-_MANY: Final = ("ldm", "stm", "vldm", "vstm", "push", "pop", "vpush", "vpop", "strd")
-_DIVIDE: Final = ("vdiv", "vsqrt", "sdiv", "udiv")
 _DIVIDE_CYCLES: Final = 14
 _FUSED: Final = ("vfm", "vfnm", "vmla", "vmls", "vnml")
+_KINDS: Final = (
+    (("vdiv", "vsqrt", "sdiv", "udiv"), ("divide", _DIVIDE_CYCLES, 1)),
+    # A multiple load or store moves two words per cycle. The firmware's longest moves about eight in four cycles.
+    (("ldm", "stm", "vldm", "vstm", "push", "pop", "vpush", "vpop", "strd"), ("many", 2, 4)),
+    (("ldrd",), ("double", 2, 1)),
+    (("ldr", "vldr"), ("load", 2, 1)),
+    (("str", "vstr"), ("store", 1, 1)),
+    (("smla", "smul", "smmul", "mla", "mls", "mul", "umull", "smull", "umlal", "smlal"), ("multiply", 2, 1)),
+    (_FUSED, ("float", 4, 1)),
+    (("vmov", "vabs", "vneg", "vsel"), ("float", 1, 1)),
+    (("v",), ("float", 3, 1)),
+)
+"""The beginnings of mnemonics in the order in which they are tried, each with the result of `_kind`."""
 
 
 class Pipeline:
@@ -109,28 +117,11 @@ def _fits(issued: list[str], kind: str) -> bool:
 def _kind(mnemonic: str) -> tuple[str, int, int]:
     """Return an instruction's class, its latency in cycles, and its cycles in the issue stage."""
     name = mnemonic.split(".")[0]
-    if name.startswith(_DIVIDE):
-        return "divide", _DIVIDE_CYCLES, 1
-    if name.startswith(_MANY):
-        # A multiple load or store moves two words per cycle. The firmware's longest moves about eight in four cycles.
-        return "many", 2, 1 if name == "strd" else 4
-    if name.startswith("ldrd"):
-        return "double", 2, 1
-    if name.startswith(_LOAD):
-        return "load", 2, 1
-    if name.startswith(_STORE):
-        return "store", 1, 1
-    if name.startswith(_MULTIPLY):
-        return "multiply", 2, 1
-    if name.startswith(_FUSED):
-        return "float", 4, 1
-    if name.startswith(("vmov", "vabs", "vneg", "vsel")):
-        return "float", 1, 1
-    if name.startswith("v"):
-        return "float", 3, 1
+    if name == "strd":
+        return "many", 2, 1
     if name.startswith(("b", "cb")) and name not in ("bic", "bics", "bfi", "bfc"):
         return "branch", 1, 1
-    return "integer", 1, 1
+    return next((kind for beginnings, kind in _KINDS if name.startswith(beginnings)), ("integer", 1, 1))
 
 
 def _accumulators(instruction: Any) -> set[int]:

@@ -8,13 +8,13 @@ from typing import Final
 import numpy as np
 
 from can_bridge.wire.messages import Mode, Reason
+from contract.arrays import Mask
 from firmware_sim.runs.reasons import BECAUSE
 from firmware_sim.runs.run_log import RunLog
-from firmware_sim.runs.statistics import Flags, planned_steps
+from firmware_sim.runs.statistics import planned_steps
 
 SKIPPED: Final = "SKIPPED"
 """Name used instead of a mode for a period that the ECU skipped because it was still computing or booting."""
-
 KEYS_DIFFER: Final = "Frames arrived, but none was authentic: do both nodes have the same key (bus.key)?"
 
 
@@ -31,14 +31,9 @@ class LatchedFault:
 
 @dataclass(frozen=True, kw_only=True)
 class RunControl:
-    """The counts of the control periods in which control was requested.
-
-    Attributes:
-        modes: number of these periods in each mode of the ECU, by the name of the mode or SKIPPED.
-        warm_up: number of periods from the request on in which the controller's window was still filling.
-        fault: first latched fault; None if there was none.
-        shut: share of these periods in which the jets were shut, 0 to 1.
-    """
+    """The counts of the control periods in which control was requested. `modes` has their number in each mode of the
+    ECU, by the name of the mode or SKIPPED. In the first `warm_up` of them the controller's window was still filling.
+    `fault` is the first latched fault, if any. `shut` is the share with shut jets, 0 to 1."""
 
     requested: int
     modes: Mapping[str, int]
@@ -84,13 +79,9 @@ def control(log: RunLog) -> RunControl:
         period = log.enabled_at + after_enable
         reason = Reason(int(log.series["reason"][period])).name
         fault = LatchedFault(reason=reason, t=float(log.series["t"][period]), period=period, after_enable=after_enable)
-    return RunControl(
-        requested=len(names),
-        modes={name: names.count(name) for name in (*Mode.__members__, SKIPPED) if name in names},
-        warm_up=int(warm[0]) if len(warm) else len(names),
-        fault=fault,
-        shut=shut,
-    )
+    counts = {name: names.count(name) for name in (*Mode.__members__, SKIPPED) if name in names}
+    warm_up = int(warm[0]) if len(warm) else len(names)
+    return RunControl(requested=len(names), modes=counts, warm_up=warm_up, fault=fault, shut=shut)
 
 
 def set_aside(log: RunLog) -> list[tuple[str, int]]:
@@ -113,11 +104,9 @@ def trouble(log: RunLog) -> str | None:
 
 
 def _not_held(log: RunLog, found: RunControl) -> str:
-    if found.fault is not None:
-        return (
-            f"ECU FAULT: {found.fault.reason} at t = {found.fault.t:.1f} t_c, {_periods(found.fault.after_enable)} "
-            f"after enable; the jets were shut for {100 * found.shut:.0f} % of the controlled time."
-        )
+    if (fault := found.fault) is not None:
+        latched = f"{fault.reason} at t = {fault.t:.1f} t_c, {_periods(fault.after_enable)} after enable"
+        return f"ECU FAULT: {latched}; the jets were shut for {100 * found.shut:.0f} % of the controlled time."
     if not found.requested:
         return "NOT IN CONTROL: control was not requested."
     share = f"in control {found.in_control} of {_periods(found.requested)}"
@@ -131,7 +120,7 @@ def _not_held(log: RunLog, found: RunControl) -> str:
     return f"CONTROL NOT HELD: {share} ({', '.join(others)})."
 
 
-def held_while_averaged(log: RunLog, averaged: Flags) -> bool:
+def held_while_averaged(log: RunLog, averaged: Mask) -> bool:
     """Return whether no fault latched, and the controller planned in each period marked in `averaged`, shape (n,)."""
     return bool(planned_steps(log)[averaged].all()) and control(log).fault is None
 

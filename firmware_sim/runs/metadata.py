@@ -20,6 +20,8 @@ from ecu.calibrating import with_calibration
 
 _PACKAGES: Final = ("stillwake", "onnxruntime", "numpy", "numba", "python-can")
 """Packages whose versions a run records, because they affect its results."""
+_UNUSED: Final = ("forcing", "model", "train", "mpc")
+"""Sections of the configuration that a run does not use. The settings of `mpc` come from the bundle instead."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,17 +68,11 @@ class RunEcu:
 
 @dataclass(frozen=True, kw_only=True)
 class RunMetadata:
-    """The description of a run, which is stored with its series.
-
-    Attributes:
-        controller: text with name, precision and short digest of the bundle; digest: the full digest.
-        computed_by: runtime that computes the control step.
-        signer: fingerprint of the key that signed the bundle; None for an unsigned bundle.
-        sensors: names of the sensors, in the order of the Pressure message.
-        mpc, weights: settings of the optimiser in the bundle, and cost weights that the ECU used.
-        budget_ms: longest allowed time from a pressure frame to the ECU's command.
-        drive: name of the vehicle's drive; None for a run at a constant speed.
-    """
+    """The description of a run, which is stored with its series. `controller` has name, precision and short digest of
+    the bundle, `computed_by` the runtime that computes the control step, `signer` the fingerprint of the key that
+    signed the bundle, if any. The sensors are in the order of the Pressure message. `mpc` is from the bundle; `weights`
+    are those that the ECU used. `budget_ms` is the longest allowed time from a pressure frame to the ECU's command.
+    `drive` is None for a run at a constant speed."""
 
     controller: str
     digest: str
@@ -133,10 +129,6 @@ class RunMetadata:
         """Read the result of `to_tree`. Raises KeyError, TypeError or ConfigError for an invalid field."""
         config, status = without_retired(tree["config"]), list(EcuStatus(**tree["status"]))
         return typed({**tree, "config": config, "status": status}, cls)
-
-
-_UNUSED: Final = ("forcing", "model", "train", "mpc")
-"""Sections of the configuration that a run does not use. The settings of `mpc` come from the bundle instead."""
 
 
 def settings_of(run: RunMetadata) -> dict[str, str]:

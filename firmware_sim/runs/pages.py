@@ -1,5 +1,4 @@
-"""The self-contained HTML pages, created from the templates of a package. A page loads no other file, and runs only the
-scripts that it contains."""
+"""The self-contained HTML pages, created from a package's templates. A page loads no file, and runs its own scripts."""
 
 import base64
 import hashlib

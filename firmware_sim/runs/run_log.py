@@ -26,10 +26,8 @@ from firmware_sim.runs.metadata import RunMetadata
 from wake.plant.sample import Sample
 
 _SCHEMA: Final = "stillwake-run/3"
-
 WALL: Final = "wall_Cp"
 """Name of the series of Cp at the bundle's S sensors, shape (n, S) for n periods."""
-
 WITHOUT: Final = ("without_Cd", "without_Cd_net", "without_Cl")
 """Names of the series of the same drive with the jets shut, for comparison; shape (n,) for n periods."""
 
@@ -102,13 +100,9 @@ class NodeErrors:
 
 @dataclass(frozen=True, kw_only=True)
 class BusTraffic:
-    """The traffic on the bus, including other nodes' frames.
-
-    Attributes:
-        load: share of the time in which the bus was not free, 0 to 1.
-        error_frames: number of attempts to send that were destroyed by an error, or that no node acknowledged.
-        longest_wait_ms: longest time from queueing to the start of the successful transmission, by message name.
-    """
+    """The traffic on the bus, including other nodes' frames. `load` is the share of the time in which the bus was not
+    free, 0 to 1. `error_frames` counts the attempts to send that an error destroyed, or that no node acknowledged.
+    `longest_wait_ms` is the longest time from queueing to the start of the successful transmission, by message name."""
 
     load: float
     frames: int
@@ -139,13 +133,9 @@ class WaitingTimes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunLog:
-    """A finished run.
-
-    Attributes:
-        series: arrays for the n periods of the run, by name. The names are those in `COLUMNS`, shape (n,), `WALL` if
-            the sensors were recorded, and those in `WITHOUT` for a drive.
-        enabled_at: index of the first row in which control is requested; n if it is never requested.
-    """
+    """A finished run of n periods. `series` has arrays by name: those in `COLUMNS`, shape (n,), `WALL` if the sensors
+    were recorded, and those in `WITHOUT` for a drive. `enabled_at` is the index of the first row in which control is
+    requested; n if it is never requested."""
 
     series: Mapping[str, Array]
     enabled_at: int
@@ -176,13 +166,8 @@ class RunLog:
 
 def save(path: Path, log: RunLog) -> None:
     """Write the log as .npz, completely or not at all."""
-    header = {
-        "schema": _SCHEMA,
-        "enabled_at": log.enabled_at,
-        "bus": asdict(log.bus),
-        "traffic": asdict(log.traffic),
-        "metadata": log.metadata.to_tree(),
-    }
+    header: dict[str, Any] = {"schema": _SCHEMA, "enabled_at": log.enabled_at, "bus": asdict(log.bus)}
+    header |= {"traffic": asdict(log.traffic), "metadata": log.metadata.to_tree()}
     arrays: dict[str, Any] = dict(log.series)
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, header=json.dumps(header), **arrays)
@@ -195,10 +180,8 @@ def load(path: Path) -> RunLog:
         header = strict_json.decode(data.text("header").encode())
         if (schema := header.get("schema")) != _SCHEMA:
             made_by = header.get("metadata", {}).get("versions", {}).get("stillwake", "an unknown version")
-            raise ValueError(
-                f"it has the schema {schema!r}, made by stillwake {made_by}; stillwake {version('stillwake')} only "
-                f"reads {_SCHEMA!r}: make the run again"
-            )
+            reads = f"stillwake {version('stillwake')} only reads {_SCHEMA!r}: make the run again"
+            raise ValueError(f"it has the schema {schema!r}, made by stillwake {made_by}; {reads}")
         count, metadata = len(data["t"]), RunMetadata.from_tree(header["metadata"])
         # These two columns do not exist in runs of version 0.9.0.
         series = {"set_aside": np.zeros(count), "speed": np.full(count, np.nan)}
@@ -207,13 +190,9 @@ def load(path: Path) -> RunLog:
                 series[name] = data.numbers(name, count)
         if WALL in data:
             series[WALL] = data.numbers(WALL, count, len(metadata.sensors))
-        log = RunLog(
-            series=series,
-            enabled_at=typed(header["enabled_at"], int),
-            bus=typed(header["bus"], BusTotals),
-            metadata=metadata,
-            traffic=typed(header["traffic"], BusTraffic),
-        )
+        enabled_at, bus = typed(header["enabled_at"], int), typed(header["bus"], BusTotals)
+        traffic = typed(header["traffic"], BusTraffic)
+        log = RunLog(series=series, enabled_at=enabled_at, bus=bus, metadata=metadata, traffic=traffic)
         _check(log)
         return log
     except FileNotFoundError as error:
@@ -237,14 +216,9 @@ def _check(log: RunLog) -> None:
 
 
 class RunFolder:
-    """The files that `stillwake run` writes.
-
-    Attributes:
-        series, summary: files of `run_log.RunLog` and of `summary.whole_summary` as JSON.
-        frames: log of every frame on the bus, in the format of candump.
-        uncontrolled_picture, controlled_picture: vorticity at the end of the lead-in and of the run.
-        wake: file of `wake_stills.WakeStills`; missing in folders of earlier versions.
-    """
+    """The files that `stillwake run` writes: the series of `RunLog`, `summary.whole_summary` as JSON, every frame on
+    the bus in the format of candump, the vorticity at the end of the lead-in and of the run as pictures, and the wake
+    as `wake_stills.WakeStills`, which is missing in folders of earlier versions."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -1,35 +1,30 @@
 """The figures of a run: averages without and with control, totals of a drive, and computing time of the ECU's steps.
-
 Averages are over whole shedding cycles (`wake.truck.averages`). Before control, the lift's zero crossings separate the
-cycles. Under control, the average is over as many cycles of the same mean length as fit after the settling time.
-"""
+cycles. Under control, the average is over as many cycles of the same mean length as fit after the settling time."""
 
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from can_bridge.wire.messages import Mode
-from contract.arrays import Array
+from contract.arrays import Array, Mask
 from contract.errors import PlantError
 from contract.ledger import ledger_of
 from firmware_sim.runs.run_log import WITHOUT, RunLog
 from wake.truck.averages import CycleAverage, over_cycles, over_last_cycles
 
-Flags = npt.NDArray[np.bool_]
-"""Array with a truth value for each of n control periods, shape (n,)."""
-
 _ROUNDING: Final = 1e-9
 """Largest difference in t_c between a sum of two spans and a sample's time that is treated as a rounding error."""
+_SLOW: Final = 0.1
+"""Share of the design speed below which |Cl| in units of the present dynamic pressure is left out of the mean."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Regime:
-    """The averages over `cycles` cycles of a run. `duration` is in t_c; `DragLedger` defines the coefficients."""
+    """The averages over `cycles` cycles of a run; `DragLedger` defines the coefficients."""
 
     cycles: int
-    duration: float
     frequency: float
     Cd: float
     Cd_std: float
@@ -48,7 +43,7 @@ class Averages:
 
     before: Regime
     under: Regime
-    averaged: Flags
+    averaged: Mask
 
     @property
     def reduction_percent(self) -> float:
@@ -97,7 +92,7 @@ def averages(log: RunLog) -> Averages | NoAverages:
     return Averages(before=_regime(log, before, free), under=_regime(log, under, controlled), averaged=averaged)
 
 
-def planned_steps(log: RunLog) -> Flags:
+def planned_steps(log: RunLog) -> Mask:
     """Return whether the controller planned in each of the n periods, shape (n,)."""
     # In a period that the ECU skipped, the step time is NaN, and the mode is still that of the previous period.
     return np.asarray((log.series["mode"] == Mode.CONTROL) & np.isfinite(log.series["step_ms"]))
@@ -106,9 +101,7 @@ def planned_steps(log: RunLog) -> Flags:
 def latency(log: RunLog) -> Latency:
     """Compute the latency over the periods in which the controller planned; NaN if there were none."""
     planned = log.series["step_ms"][planned_steps(log)]
-    if not len(planned):
-        return Latency(p50=np.nan, p90=np.nan, p99=np.nan, max=np.nan, steps=0, over_budget=0)
-    p50, p90, p99, most = map(float, np.percentile(planned, [50, 90, 99, 100]))
+    p50, p90, p99, most = map(float, np.percentile(planned, [50, 90, 99, 100])) if len(planned) else [np.nan] * 4
     over = int((planned > log.metadata.budget_ms).sum())
     return Latency(p50=p50, p90=p90, p99=p99, max=most, steps=len(planned), over_budget=over)
 
@@ -128,7 +121,6 @@ def _regime(log: RunLog, part: slice, average: CycleAverage) -> Regime:
     s = {name: values[part] for name, values in log.series.items()}
     return Regime(
         cycles=average.cycles,
-        duration=average.cycles / average.frequency,
         frequency=average.frequency,
         Cd=float(average.mean(s["Cd"])),
         Cd_std=float(average.std(s["Cd"])),
@@ -142,15 +134,11 @@ def _regime(log: RunLog, part: slice, average: CycleAverage) -> Regime:
     )
 
 
-def rounded(value: float | None) -> float | None:
-    """Round a value to six decimals for JSON; return None for NaN, infinity and None."""
+def rounded(value: float | None, decimals: int = 6) -> float | None:
+    """Round a value for JSON; return None for NaN, infinity and None."""
     if value is None or not np.isfinite(value):
         return None
-    return value if isinstance(value, int) else round(value, 6)
-
-
-_SLOW: Final = 0.1
-"""Share of the design speed below which |Cl| in units of the present dynamic pressure is left out of the mean."""
+    return value if isinstance(value, int) else round(value, decimals)
 
 
 @dataclass(frozen=True, kw_only=True)

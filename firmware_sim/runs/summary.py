@@ -11,7 +11,6 @@ from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.statistics import (
     Averages,
     DriveTotals,
-    Latency,
     NoAverages,
     actuator_delay_ms,
     averages,
@@ -34,7 +33,6 @@ _DRAG_ROWS: Final = (
     ("whole shedding cycles averaged", "cycles", "d"),
 )
 """Label, field of `Regime`, and number format of each row. In a label, {probe} is the position of the wake probe."""
-
 _ECUS: Final = {"python": "in Python", "c": "in C, on this machine", "mcu": "in C, on an emulated Cortex-M7"}
 ENOUGH_CYCLES: Final = 2
 """Smallest number of cycles that an average needs, because drag varies by several per cent between cycles."""
@@ -75,12 +73,14 @@ def _drive_rows(drive: DriveTotals) -> list[tuple[str, str, str]]:
 def service_rows(log: RunLog) -> list[tuple[str, str]]:
     """Return (quantity, value) as text for each row about the bus and the ECU."""
     run, timing, longest, delay = log.metadata, latency(log), sample_to_jets_ms(log), actuator_delay_ms(log)
+    times = f"{timing.p50:.2f} / {timing.p90:.2f} / {timing.p99:.2f} / {timing.max:.2f} ms"
+    measured = times if timing.steps else "no control step ran"
     # For an emulated core, the time that the emulation takes on this machine is not compared with the budget.
-    on_this_machine = [("emulating a step on this machine, p50 / p90 / p99 / max", _measured(timing))]
+    on_this_machine = [("emulating a step on this machine, p50 / p90 / p99 / max", measured)]
     if run.ecu.clock_mhz is None:
         within = f"within {run.budget_ms:g} ms in {timing.steps - timing.over_budget}"
         on_this_machine = [
-            ("control step on this machine, p50 / p90 / p99 / max", _measured(timing)),
+            ("control step on this machine, p50 / p90 / p99 / max", measured),
             ("the same against the budget", f"{within} of {timing.steps} steps; holds for this machine only"),
         ]
     changed = run.changed_weights.items()
@@ -125,10 +125,8 @@ def headline(log: RunLog) -> str:
             f"{abs(percent):.1f} % {'more' if percent < 0 else 'less'}"
             for percent in (drive.reduction_percent, drive.net_reduction_percent)
         )
-        text = (
-            f"Drive {drive.name}: {less} energy against wall drag, {net} including the jets and their drag, mean |Cl| "
-            f"{drive.abs_Cl_without:.2f} to {drive.abs_Cl:.2f}."
-        )
+        energy = f"{less} energy against wall drag, {net} including the jets and their drag"
+        text = f"Drive {drive.name}: {energy}, mean |Cl| {drive.abs_Cl_without:.2f} to {drive.abs_Cl:.2f}."
         if isnan(drive.reduction_percent):
             text = f"Drive {drive.name}: no reduction, because the vehicle did not move."
     times = [f"{name} from t = {log.series['t'][period]:.1f} t_c on" for name, period in set_aside(log)]
@@ -151,8 +149,7 @@ def _judged(log: RunLog, found: Averages) -> str:
         return f"{drag}; no reduction is claimed: the jets hardly moved (rms action {under.rms_action:.2g})."
     percent = found.reduction_percent
     text = f"{drag}: {abs(percent):.1f} % {'more' if percent < 0 else 'less'}"
-    # A two-dimensional wake can be deflected to one side, which reduces drag but increases lift. This does not count as
-    # a success of control.
+    # A two-dimensional wake can be deflected to one side, which reduces drag but increases lift. This is no success.
     if abs(under.mean_Cl) > 0.1 * before.abs_Cl + 0.1:
         return f"{text}, but the wake is deflected: mean Cl {before.mean_Cl:+.2f} to {under.mean_Cl:+.2f}."
     if under.abs_Cl >= before.abs_Cl:
@@ -200,11 +197,6 @@ def _charged(run: RunMetadata) -> str:
         longest = ecu.modelled_ms_max
         times = f"by the core's modelled cycles, with a plan {ecu.modelled_ms:.2f} / {longest:.2f} ms (median / max)"
     return f"{times} of a period of {period:g} ms: {'fits' if longest <= period else 'does not fit'}"
-
-
-def _measured(timing: Latency) -> str:
-    times = f"{timing.p50:.2f} / {timing.p90:.2f} / {timing.p99:.2f} / {timing.max:.2f} ms"
-    return times if timing.steps else "no control step ran"
 
 
 def summary(log: RunLog) -> dict[str, Any]:
@@ -262,17 +254,17 @@ def whole_summary(log: RunLog) -> dict[str, Any]:
 
 
 _BOTH: Final = ("Cd", "base_Cp", "abs_Cl", "mean_Cl", "Cd_net", "cycles")
-_PARTS: Final = (("uncontrolled", "before"), ("controlled", "under"))
 
 
 def _averaged(log: RunLog) -> dict[str, float | None]:
     found = averages(log)
-    values: dict[str, float | None] = dict.fromkeys(f"{name}_{part}" for name in _BOTH for part, _ in _PARTS)
-    values |= dict.fromkeys(("reduction_percent", "rms_action", "jet_power_controlled", "shedding_frequency"))
-    if isinstance(found, NoAverages):
-        return values
-    claimed = found.reduction_percent if held_while_averaged(log, found.averaged) else None
-    values |= {f"{name}_{part}": getattr(getattr(found, field), name) for name in _BOTH for part, field in _PARTS}
-    values |= {"reduction_percent": claimed, "rms_action": found.under.rms_action}
-    values |= {"jet_power_controlled": found.under.jet_power, "shedding_frequency": found.before.frequency}
+    claimed = before = under = None
+    if isinstance(found, Averages):
+        before, under = found.before, found.under
+        claimed = found.reduction_percent if held_while_averaged(log, found.averaged) else None
+    parts = (("uncontrolled", before), ("controlled", under))
+    values = {f"{name}_{part}": getattr(regime, name, None) for name in _BOTH for part, regime in parts}
+    values |= {"reduction_percent": claimed, "rms_action": getattr(under, "rms_action", None)}
+    values |= {"jet_power_controlled": getattr(under, "jet_power", None)}
+    values |= {"shedding_frequency": getattr(before, "frequency", None)}
     return {name: rounded(value) for name, value in values.items()}

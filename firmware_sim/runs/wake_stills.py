@@ -46,13 +46,8 @@ class Scene:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WakeStills:
-    """The stills of a run.
-
-    Attributes:
-        k: number of the period at whose start each of the n stills was taken, shape (n,), increasing.
-        t: time of each still in t_c, shape (n,).
-        stills: the n stills as WebP files.
-    """
+    """The n stills of a run as WebP files. `k`, shape (n,), has the numbers of the periods at whose starts they were
+    taken, in increasing order; `t`, shape (n,), their times in t_c."""
 
     scene: Scene
     k: npt.NDArray[np.int64]
@@ -67,8 +62,6 @@ class WakeStills:
 
 
 class WakeRecorder:
-    """A recorder that stores stills during a run."""
-
     def __init__(self, scene: Scene, periods: int) -> None:
         self._scene = scene
         self._every = max(1, -(-periods // MOST_STILLS))

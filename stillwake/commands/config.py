@@ -9,7 +9,7 @@ import typer
 
 from contract.config.listing import Section, Setting, as_toml, sections, shown
 from contract.config.loading import PAPER, Loaded, load_config
-from contract.config.rules import Source
+from contract.config.notes import Source
 from contract.errors import ConfigError
 from stillwake.console import options as shared
 from stillwake.console.settings import read_settings

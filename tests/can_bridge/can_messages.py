@@ -14,12 +14,8 @@ def frames(draw: st.DrawFn, formats: st.SearchStrategy[bool] = st.booleans()) ->
     """A data frame, in CAN FD where `formats` says so; many have long runs of equal bits, for their stuff bits."""
     fd, extended = draw(formats), draw(st.booleans())
     length = draw(st.sampled_from(FD_LENGTHS if fd else CLASSIC_LENGTHS))
-    return Frame(
-        frame_id=draw(st.integers(0, 0x1FFFFFFF if extended else 0x7FF)),
-        data=draw(_PAYLOADS).ljust(length, b"\0")[:length],
-        is_fd=fd,
-        is_extended=extended,
-    )
+    frame_id, data = draw(st.integers(0, 0x1FFFFFFF if extended else 0x7FF)), draw(_PAYLOADS).ljust(length, b"\0")
+    return Frame(frame_id=frame_id, data=data[:length], is_fd=fd, is_extended=extended)
 
 
 @st.composite

@@ -2,7 +2,6 @@
 
 import io
 import tracemalloc
-from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
@@ -17,12 +16,6 @@ MOST_VALUES = 2**22
 def npy(header: str, content: bytes = b"") -> bytes:
     text = header.encode()
     return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text + content
-
-
-def archive(path: Path, member: bytes) -> Path:
-    with ZipFile(path, "w", compression=ZIP_DEFLATED) as file:
-        file.writestr("a.npy", member)
-    return path
 
 
 def test_arrays_come_back_as_they_were_and_can_be_changed(tmp_path):
@@ -49,7 +42,8 @@ def test_what_is_too_large_or_would_have_to_be_unpickled_is_refused_before_it_is
         (npy("[" * 9000), "damaged or not an NPZ"),
         (b"", "damaged or not an NPZ"),
     ):
-        archive(path, member)
+        with ZipFile(path, "w", compression=ZIP_DEFLATED) as file:
+            file.writestr("a.npy", member)
         tracemalloc.start()
         with pytest.raises(ValueError, match=reason) as caught:
             read_npz(path)

@@ -92,13 +92,14 @@ class ByHand(VehicleNode):
 
 
 class Bench(ByHand):
-    """One ECU, stepped period by period with frames made by hand."""
+    """One ECU, stepped period by period with frames made by hand. `status` is its last one."""
+
+    status: EcuStatus
 
     def __init__(self, bundle: Bundle, config: Config, controller) -> None:
         super().__init__(config)
         self.bundle, self.controller = bundle, controller
         self.ecu = Ecu(bundle, controller, config)
-        self.status: EcuStatus | None = None
         # Of the vehicle, with every step; None for one that sends no speed.
         self.cruises = None if bundle.manifest.speeds is None else 1.0
 
@@ -112,9 +113,9 @@ class Bench(ByHand):
         answers = self.ecu.step(self.now_ns, [*frames, *speed])
         self.now_ns += periods * self.config.period_ns
         assert [frame.frame_id for frame in answers] == [JET_COMMAND.frame_id, ECU_STATUS.frame_id]
-        self.status = codec.parse_ecu_status(answers[1].data)
-        command = codec.parse_jet_command(answers[0].data)
-        assert command is not None
+        command, status = codec.parse_jet_command(answers[0].data), codec.parse_ecu_status(answers[1].data)
+        assert command is not None and status is not None
+        self.status = status
         return command
 
     def good(self, steps: int, *, enable=True) -> list[JetCommand]:
@@ -127,28 +128,16 @@ class Bench(ByHand):
 
 def make_bundle(*, sensors: Sequence[str] = NAMES, **changes) -> Bundle:
     """A release of a few periods' window and horizon; there is no model in it."""
-    config = Config()
+    config, zeros, ones = Config(), (0.0,) * len(sensors), (1.0,) * len(sensors)
+    scaling = Scaling(
+        pressure_mean=zeros, pressure_std=ones, action_std=1.0, force_mean=(1.0, 0.0), force_std=(1.0, 1.0)
+    )
     facts = {
-        "name": "small",
-        "precision": "float32",
-        "sensors": tuple(sensors),
-        "window": WINDOW,
-        "control_period": config.flow.control_period,
-        "action_limit": config.flow.action_limit,
-        "operating_point": config.operating_point,
-        "mpc": MpcConfig(horizon=HORIZON),
-        "scaling": Scaling(
-            pressure_mean=(0.0,) * len(sensors),
-            pressure_std=(1.0,) * len(sensors),
-            action_std=1.0,
-            force_mean=(1.0, 0.0),
-            force_std=(1.0, 1.0),
-        ),
-        "budget_ms": 20.0,
-        "compute_time_ms": 8.0,
-        "created": "2026-01-02",
+        **{"name": "small", "precision": "float32", "sensors": tuple(sensors), "window": WINDOW, "scaling": scaling},
+        **{"control_period": config.flow.control_period, "action_limit": config.flow.action_limit},
+        **{"operating_point": config.operating_point, "mpc": MpcConfig(horizon=HORIZON)},
+        **{"budget_ms": 20.0, "compute_time_ms": 8.0, "created": "2026-01-02", "provenance": {}},
         **dict.fromkeys(("dataset_sha256", "weights_sha256", "program_sha256"), "0" * 64),
-        "provenance": {},
     }
     return Bundle(manifest=Manifest(**{**facts, **changes}), files={}, digest="0123456789abcdef" * 4)
 
@@ -157,22 +146,6 @@ def make_bench(controller=None, *, bundle: Bundle | None = None, **ecu_settings)
     # Most tests look at one period at a time: its command is to act in it.
     config = Config(ecu=EcuConfig(**{"plan_ahead": False, **ecu_settings}))
     return Bench(make_bundle() if bundle is None else bundle, config, controller or RecordingController())
-
-
-@pytest.fixture
-def recording_controller() -> type[RecordingController]:
-    return RecordingController
-
-
-@pytest.fixture
-def bundle_of() -> Callable[..., Bundle]:
-    return make_bundle
-
-
-@pytest.fixture(scope="session")
-def bench_of() -> Callable[..., Bench]:
-    """Of session scope, so that property tests may build one an example."""
-    return make_bench
 
 
 @pytest.fixture

@@ -35,15 +35,12 @@ ADDRESSED: Final = (
     ),
 )
 """Settings, and the same as can-isotp knows them: physical, functional."""
-_MOST_TICKS: Final = 5000
 
 Exchange = Callable[[list[Frame]], list[Frame]]
 """Frames to the ECU, and what it sends in the millisecond after that."""
 
 
 class IndependentTester(DirectConnection):
-    """A connection of udsoncan."""
-
     def __init__(self, exchange: Exchange, physical: isotp.Address, functional: isotp.Address, *, is_fd: bool) -> None:
         super().__init__()
         self.exchange, self._in, self._out = exchange, deque[isotp.CanMessage](), list[isotp.CanMessage]()
@@ -65,7 +62,7 @@ class IndependentTester(DirectConnection):
         self._layer.send(payload)
 
     def specific_wait_frame(self, timeout: float | None = None) -> bytes:
-        return next(found for _ in range(_MOST_TICKS) if (found := self.tick()) is not None)
+        return next(found for _ in range(5000) if (found := self.tick()) is not None)
 
     def tick(self) -> bytes | None:
         """A millisecond; an answer that is whole."""

@@ -20,8 +20,7 @@ CONFIG = BenefitCheckConfig(mean_periods=8, wake_periods=20, first_period=10, le
 CHECK = BenefitCheck(base=(2, 3), pairs=((0, 1), (2, 3)), config=CONFIG)
 SHORTEST = CONFIG.first_period + CONFIG.doubt_periods - 1
 """Periods of control that does not help until it is tested, and of a test until it is over."""
-WITHOUT = np.array([0.1, -0.3, -0.4, -0.6])
-"""Mean base pressure -0.5, mean difference 0.3."""
+WITHOUT = np.array([0.1, -0.3, -0.4, -0.6])  # mean base pressure -0.5, mean difference 0.3
 SUCTION_UNIT, SWING_UNIT = UNSTATED[0][1:]
 HELPED = np.array([-0.1, -0.2, -0.4, -0.4])
 
@@ -97,8 +96,7 @@ def test_a_suspicion_is_tested_against_the_wake_at_this_speed_before_it_latches(
         silent, silence = run(waited, None, 40, drives=True)
         assert all(tests + silence)
         latched, reason = CHECK.next(silent, WITHOUT, drives=False, speed=near)
-        assert reason is Reason.NOT_HELPING and not latched.tests
-        assert latched.spent == CHECK.patience
+        assert (reason, latched.tests, latched.spent) == (Reason.NOT_HELPING, False, CHECK.patience)
     # Control that helps wins back what tests have taken.
     assert run(latched, HELPED, CHECK.patience + CONFIG.first_period, drives=True)[0].spent == 0
 
@@ -179,23 +177,17 @@ def test_no_recorded_control_is_tested():
 
 
 def test_jets_that_change_nothing_are_shut_for_that_reason_and_a_new_request_tries_again():
-    unchecked = SensorCheckConfig(enabled=False)
-    bench = make_bench(
-        RecordingController(lambda i: 0.03), bundle=RELEASE, sensor_check=unchecked, benefit_check=CONFIG
-    )
+    off = SensorCheckConfig(enabled=False)
+    bench = make_bench(RecordingController(lambda i: 0.03), bundle=RELEASE, sensor_check=off, benefit_check=CONFIG)
 
     def drive(periods: int, *, enable: bool = True) -> list[Mode]:
         return [bench.step(bench.pressure(WITHOUT, enable=enable)).mode for _ in range(periods)]
 
-    def reason() -> Reason:
-        assert bench.status is not None
-        return bench.status.reason
-
     drive(80, enable=False)
     modes = drive(CONFIG.first_period + CONFIG.doubt_periods)
-    assert set(modes[:-1]) == {Mode.CONTROL} and modes[-1] is Mode.WARMUP and reason() is Reason.NOT_HELPING
+    assert set(modes[:-1]) == {Mode.CONTROL} and modes[-1] is Mode.WARMUP and bench.status.reason is Reason.NOT_HELPING
     modes = drive(PATIENCE * CONFIG.wake_periods)
-    assert set(modes[:-1]) == {Mode.WARMUP} and modes[-1] is Mode.FAULT and reason() is Reason.NOT_HELPING
+    assert set(modes[:-1]) == {Mode.WARMUP} and modes[-1] is Mode.FAULT and bench.status.reason is Reason.NOT_HELPING
     assert set(drive(20)) == {Mode.FAULT}
     drive(6, enable=False)
     assert drive(6)[-1] is Mode.CONTROL

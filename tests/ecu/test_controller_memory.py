@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from contract.controller.interface import ControllerError
 from ecu.controller_memory import ControllerMemory, DelayLine
 from tests.each import each
-from tests.ecu.conftest import Answering, answer_of
+from tests.ecu.conftest import Answering, RecordingController, answer_of
 
 
 def memory_of(length: int, *, sensors=1, horizon=4, delay=0) -> ControllerMemory:
@@ -30,7 +30,6 @@ NO_ANSWERS = [
     answer_of(plan=np.array([0.0, None, 0.0, 0.0])),
     answer_of(forces=np.full((4, 2), "x", dtype=object)),
 ]
-"""What a controller does that keeps nothing of its interface."""
 
 
 @each("answer", NO_ANSWERS)
@@ -41,10 +40,10 @@ def test_whatever_else_a_controller_does_is_an_error_of_the_controller(answer):
 
 
 @each("copied", [lambda memory: memory, copy.deepcopy, lambda m: pickle.loads(pickle.dumps(m))])
-def test_no_array_can_be_written_and_equal_means_equal_in_every_part(recording_controller, copied):
+def test_no_array_can_be_written_and_equal_means_equal_in_every_part(copied):
     memory = after(after(memory_of(2), [1.0], 0.1), [2.0], 0.2)
     assert copied(memory) == memory != "memory"
-    for step in map(copied, [memory_of(2), memory, memory.bridged(1), memory.planned(recording_controller())[0]]):
+    for step in map(copied, [memory_of(2), memory, memory.bridged(1), memory.planned(RecordingController())[0]]):
         for array in (step.window, step.plan):
             with pytest.raises(ValueError, match="read-only"):
                 array[0] = 1.0
@@ -65,8 +64,7 @@ def test_another_delay_is_as_if_it_had_always_been_that(actions, length, before,
     for k, action in enumerate(actions):
         memories = [memory.observed(np.array([float(k)])).commanded(action) for memory in memories]
     changed, always = memories[0].with_delay(after), memories[1]
-    assert changed.sizes == always.sizes
-    assert changed.rows == always.rows
+    assert (changed.sizes, changed.rows) == (always.sizes, always.rows)
     known = slice(max(0, after - before), None)
     np.testing.assert_array_equal(changed.window[known], always.window[known])
     np.testing.assert_array_equal(changed.window[:, :-1], always.window[:, :-1])

@@ -13,8 +13,7 @@ from ecu.ecu import Ecu
 from tests.ecu.conftest import ByHand, RecordingController, make_bundle
 
 KEY, ANOTHER = Key(b"the nodes' secret"[:16]), Key(b"an attacker's own"[:16])
-TRUE, FALSE = (0.1,) * 4, (0.7,) * 4
-"""Pressures in units of the dynamic pressure, genuine and forged."""
+TRUE, FALSE = (0.1,) * 4, (0.7,) * 4  # pressures in units of the dynamic pressure
 # Pressures that stay the same show no benefit.
 CONFIG = Config(bus=BusConfig(key="key"), ecu=EcuConfig(benefit_check=BenefitCheckConfig(enabled=False)))
 
@@ -84,7 +83,7 @@ def test_with_two_keys_the_reason_shows_it_from_the_first_period_on():
         assert (command.mode, command.enable) == (Mode.OFF, False)
         assert (status.reason, status.not_authentic) == (Reason.NOT_AUTHENTIC, period)
     assert bus.step()[1].reason is Reason.NONE
-    assert bus.ecu.frames_rejected == 29
+    assert bus.ecu.state.frames_rejected == 29
 
 
 def test_a_restarted_vehicle_is_followed_in_its_next_power_cycle_and_never_in_one_before():

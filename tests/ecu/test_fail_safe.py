@@ -7,13 +7,10 @@ from contract.config.vehicle import EcuConfig
 from ecu.fail_safe import FailSafe, OperatingMode, PeriodInputs
 from tests.each import each
 
-LETTERS = {
-    **{OperatingMode.INIT: "i", OperatingMode.STANDBY: "s", OperatingMode.ARMED: "a", OperatingMode.UPDATE: "u"},
-    **{OperatingMode.WARMUP: "W", OperatingMode.CONTROL: "C", OperatingMode.HOLD: "H", OperatingMode.DECAY: "D"},
-    OperatingMode.FAULT: "F",
-}
+LETTERS = dict(zip(OperatingMode, "isaWCHDFu", strict=True))
 RESET, ARMED = FailSafe(), FailSafe(mode=OperatingMode.ARMED, enable_request=False)
 ON = FailSafe(mode=OperatingMode.CONTROL, good=9)
+SHUT = [mode for mode in OperatingMode if not mode.drives_jets]
 BECAUSE = {"X": Reason.STREAM_INVALID, "N": Reason.NOT_AUTHENTIC, "I": Reason.SENSOR_INVALID, "i": Reason.STALE}
 FAULTS = {"T": Reason.DEADLINE, "t": Reason.DEADLINE, "c": Reason.CLOCK, "d": Reason.CLOCK}
 
@@ -108,11 +105,7 @@ STORIES = [
     (ON, "xGxGxgggggGxGxGGGGxGx", "HCHCFFFFFFCHCHCCCCHCH", Reason.STREAM_LOST, {"loss_window": 6, "loss_limit": 3}),
     # A release is written where no jet may run; a reset alone leads out.
     (ON, "U" + "yUu" + "u" + "GgGxgGggggggGTgG", "C" + "HCa" + "u" * 17, Reason.UPDATING, {}),
-    *(
-        (FailSafe(mode=mode, reason=Reason.STALE), "y", "u", Reason.UPDATING, {})
-        for mode in OperatingMode
-        if not mode.drives_jets
-    ),
+    *((FailSafe(mode=mode, reason=Reason.STALE), "y", "u", Reason.UPDATING, {}) for mode in SHUT),
 ]
 
 
@@ -133,8 +126,7 @@ def test_losses_that_are_not_in_a_row_latch_from_a_half_on(pattern, latches_at):
 
 
 def test_losses_count_from_when_control_is_wanted():
-    assert through(ON, "x" * 40 + "g")[1].lost == 0
-    assert through(ON, "xG")[1].lost == 0b10
+    assert (through(ON, "x" * 40 + "g")[1].lost, through(ON, "xG")[1].lost) == (0, 0b10)
 
 
 @each("mode", OperatingMode)

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from contract import sensors
 from contract.config.body import BodyConfig, layout_of
 from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.errors import BundleError
-from contract.sensors import TRUCK
+from contract.sensors import COUNT, TRUCK
 from ecu.bundle_policy import BundlePolicy
 from ecu.ecu import Ecu
 from ecu.fit import check_flow, check_sensors, check_vehicle
 from tests.each import each
+from tests.ecu.conftest import RecordingController, make_bundle
 
 
 @each(
@@ -28,11 +28,11 @@ from tests.each import each
         ({}, {"delay_steps": 5, "plan_ahead": False}, "delay_steps = 5: must be at most 4 for the horizon of 5$"),
     ],
 )
-def test_a_bundle_for_another_vehicle_or_flow_is_refused(bundle_of, recording_controller, changes, ecu, named):
-    check_vehicle(bundle_of(), Config())
-    check_flow(bundle_of(), FlowConfig())
-    bundle, config = bundle_of(**changes), Config(ecu=EcuConfig(**ecu))
-    refusals = [lambda: check_vehicle(bundle, config), lambda: Ecu(bundle, recording_controller(), config)]
+def test_a_bundle_for_another_vehicle_or_flow_is_refused(changes, ecu, named):
+    check_vehicle(make_bundle(), Config())
+    check_flow(make_bundle(), FlowConfig())
+    bundle, config = make_bundle(**changes), Config(ecu=EcuConfig(**ecu))
+    refusals = [lambda: check_vehicle(bundle, config), lambda: Ecu(bundle, RecordingController(), config)]
     if "control_period" in changes or "action_limit" in changes:
         refusals.append(lambda: check_flow(bundle, FlowConfig()))
     for refuse in refusals:
@@ -44,33 +44,32 @@ SHORTER = layout_of(BodyConfig(length=5.0))
 """Names of the sensors as the truck's, places on another body: base_0 lies at x = 5, on the truck at 7.647."""
 
 
-def test_a_bundle_for_another_body_is_refused(bundle_of, recording_controller):
-    truck = bundle_of()
+def test_a_bundle_for_another_body_is_refused():
+    truck = make_bundle()
     check_sensors(truck, TRUCK)
     named = r"'small' was built for another body: its sensor \w+ is at .* W\), but on this plant it is at .*"
-    for refuse in (lambda: check_sensors(truck, SHORTER), lambda: BundlePolicy(truck, recording_controller(), SHORTER)):
+    for refuse in (lambda: check_sensors(truck, SHORTER), lambda: BundlePolicy(truck, RecordingController(), SHORTER)):
         with pytest.raises(BundleError, match=named):
             refuse()
 
 
-def test_positions_in_the_bundle_count_where_there_are_some(bundle_of):
+def test_positions_in_the_bundle_count_where_there_are_some():
     names = ("base_0", "base_1", "base_2", "base_3")
     places = tuple((5.0, float(SHORTER.positions[SHORTER.names.index(name), 1])) for name in names)
-    built_for_it = bundle_of(sensors=names, sensor_positions=places)
+    built_for_it = make_bundle(sensors=names, sensor_positions=places)
     check_sensors(built_for_it, SHORTER)
     with pytest.raises(BundleError, match=r"sensor base_0 is at \(5 W, 0\.\d+ W\), but on this plant .* \(7\.647 W, "):
         check_sensors(built_for_it, TRUCK)
 
 
-def test_a_policy_shows_what_the_ecu_would_and_keeps_nothing_but_its_memory(bundle_of, recording_controller):
-    bundle = bundle_of()
-    controller = recording_controller(lambda i: 0.01 * (i + 1))
+def test_a_policy_shows_what_the_ecu_would_and_keeps_nothing_but_its_memory():
+    bundle, controller = make_bundle(), RecordingController(lambda i: 0.01 * (i + 1))
     window, horizon = bundle.manifest.window, bundle.manifest.mpc.horizon
     memory, rng = BundlePolicy(bundle, controller).start(), np.random.default_rng(1)
     rows = []
-    columns = sensors.TRUCK.indices(bundle.manifest.sensors)
+    columns = TRUCK.indices(bundle.manifest.sensors)
     for k in range(window + 3):
-        Cp, action = rng.normal(size=sensors.COUNT), float(rng.normal())
+        Cp, action = rng.normal(size=COUNT), float(rng.normal())
         rows.append([*Cp[columns], action])
         kept = memory.copy()
         command, after = BundlePolicy(bundle, controller).step(memory, Cp, action)
@@ -84,5 +83,4 @@ def test_a_policy_shows_what_the_ecu_would_and_keeps_nothing_but_its_memory(bund
         assert np.array_equal(shown, rows[-window:])
         # The last plan as it came out; at first, none.
         assert plan.tolist() == ([0.0] * horizon if k == window - 1 else [0.01 * (i + 1) for i in range(horizon)])
-        assert free.tolist() == [1.0] * horizon
-        assert command == 0.01
+        assert (free.tolist(), command) == ([1.0] * horizon, 0.01)

@@ -24,7 +24,6 @@ def windows(count: int, seed: int = 0) -> Array:
 
 
 def constant(estimate: float) -> AirSpeed:
-    """An estimate that does not depend on what is read."""
     return AirSpeed(weights=np.array([0.0] * (weight_count(2) - 1) + [estimate]), pairs=2, most=MOST)
 
 
@@ -48,10 +47,8 @@ def test_features_are_the_sums_and_products_at_their_distances_and_the_same_in_t
 
 def test_the_estimate_is_the_weighted_sum_of_means_over_the_latest_periods():
     weights = np.random.default_rng(1).normal(0.0, 0.1, weight_count(2))
-    air, seen = (
-        AirSpeed(weights=weights, pairs=2, most=MOST),
-        np.array([features(each) for each in windows(FIRST_PERIOD)]),
-    )
+    air = AirSpeed(weights=weights, pairs=2, most=MOST)
+    seen = np.array([features(each) for each in windows(FIRST_PERIOD)])
     share = np.full(FIRST_PERIOD, 1.0 / MEAN_PERIODS)
     share[:MEAN_PERIODS] = 1.0 / np.arange(1, MEAN_PERIODS + 1)
     means = seen[0]

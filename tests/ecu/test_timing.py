@@ -13,7 +13,6 @@ from ecu.timing import LATEST_NS, StepTiming
 from tests.each import each
 
 PERIOD = 20_000_000
-MS = 1_000_000
 
 
 def after(*elapsed_ms: float, start_ns: int = 0, **settings: Any) -> list[StepTiming]:
@@ -21,7 +20,7 @@ def after(*elapsed_ms: float, start_ns: int = 0, **settings: Any) -> list[StepTi
     config = EcuConfig(**settings)
     now_ns, timing, timings = start_ns, StepTiming().next(start_ns, PERIOD, config), []
     for elapsed in elapsed_ms:
-        now_ns += round(elapsed * MS)
+        now_ns += round(elapsed * 1e6)
         timing = timing.next(now_ns, PERIOD, config)
         timings.append(timing)
     return timings

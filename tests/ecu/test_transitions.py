@@ -7,8 +7,7 @@ from unittest.mock import patch
 
 from can_bridge.wire.messages import Reason
 from contract.config.vehicle import EcuConfig
-from ecu import fail_safe
-from ecu.fail_safe import ALWAYS, TRANSITIONS, FailSafe, OperatingMode, PeriodInputs, Transition
+from ecu.fail_safe import ALWAYS, TRANSITIONS, FailSafe, OperatingMode, PeriodInputs, Transition, taken
 from tests.each import each
 
 SHORT_HOLD = EcuConfig(hold_periods=1, decay_periods=1, rearm_frames=3, loss_window=4, loss_limit=4)
@@ -21,14 +20,9 @@ OTHERS = [
 """Without hold, without decay, without either, and with the first loss one too many."""
 INPUTS = [
     PeriodInputs(
-        usable=usable,
-        enable_request=request,
-        unusable_because=because,
-        window_full=full,
-        fault=fault,
-        updating=updating,
+        usable=usable, enable_request=asks, unusable_because=because, window_full=full, fault=fault, updating=updating
     )
-    for (usable, request), because, full, (fault, updating) in product(
+    for (usable, asks), because, full, (fault, updating) in product(
         [(True, True), (True, False), (False, None), (False, True), (False, False)],
         [Reason.STREAM_LOST, Reason.STREAM_INVALID],
         [True, False],
@@ -46,13 +40,13 @@ GOOD, LOW, LOST = (
 def happened() -> dict[Transition, list[tuple[FailSafe, FailSafe]]]:
     """All that can happen from power-on on, as the states before and after each row. Long counts are cut off."""
     found: dict[Transition, list[tuple[FailSafe, FailSafe]]] = {}
-    rows, original = list[Transition](), fail_safe.taken
+    rows = list[Transition]()
 
     def watched(mode, period):
-        rows.append(original(mode, period))
+        rows.append(taken(mode, period))
         return rows[-1]
 
-    with patch.object(fail_safe, "taken", watched):
+    with patch("ecu.fail_safe.taken", watched):
         for config in (SHORT_HOLD, LONG_HOLD, *OTHERS):
             new, seen = [FailSafe()], set()
             while new:

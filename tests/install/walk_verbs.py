@@ -16,7 +16,6 @@ import time
 import urllib.request
 from collections.abc import Iterator, Sequence
 from contextlib import chdir, redirect_stderr, redirect_stdout, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
@@ -31,20 +30,13 @@ UDP = ("--set", "bus.interface=udp_multicast", "--set", "bus.channel=239.74.163.
 PAGE = "http://127.0.0.1:8769/"
 
 
-@dataclass(frozen=True)
 class Call:
     """A command, by the words behind `stillwake`, with arguments that are as small as they may be; the extras without
     which it may refuse, and with which it has to work; and the status with which it ends then, 3 where no ECU answers.
     """
 
-    words: tuple[str, ...]
-    needs: tuple[str, ...]
-    status: int
-
-
-def call(words: str, *more: object, needs: Sequence[str] = (), status: int = 0) -> Call:
-    """A call, from a text and what has no fixed text."""
-    return Call((*words.split(), *map(str, more)), tuple(needs), status)
+    def __init__(self, words: str, *more: object, needs: Sequence[str] = (), status: int = 0) -> None:
+        self.words, self.needs, self.status = (*words.split(), *map(str, more)), needs, status
 
 
 def write_inputs() -> None:
@@ -58,53 +50,53 @@ def write_inputs() -> None:
 
 # In an order in which each finds what another one wrote.
 CALLS = (
-    call("config mpc"),
-    call("keygen --secret access.key"),
-    call("keygen keys"),
-    call("bundle keylist keys.list --key keys/release.key --version 1 --allow keys/release.pub"),
-    call("bundle renew", BUNDLE, "renewed", "--name", "renewed", "--key", "keys/release.key", needs=["c"]),
-    call("bundle sign renewed --key keys/release.key", needs=["c"]),
-    call("bundle inspect", BUNDLE, "--trust", "project"),
-    call("bundle inspect --sbom release.cdx.json", needs=["c"]),
-    call("bundle diff", BUNDLE, BUNDLE),
-    call("ecu provision slots --root keys/release.pub --keys keys.list"),
-    call("ecu run --periods 3", *VIRTUAL),
-    call("ecu run --periods 3", *UDP, needs=["bus"]),
-    call("can send Pressure", *VIRTUAL, needs=["bus"]),
-    call("can decode drive.log"),
-    call("can monitor drive.log"),
-    call("can load"),
-    call("flash", BUNDLE, "--bus", "virtual:walk", "--access", "access.key", needs=["flash"]),
-    call("flash --keys keys.list --bus virtual:walk --access access.key", needs=["flash"]),
-    call("calibrate --bus virtual:walk --access access.key lift=0.2", needs=["flash"]),
-    call("diagnose --bus virtual:walk", needs=["flash"]),
-    call("export --for-testers testers"),
+    Call("config mpc"),
+    Call("keygen --secret access.key"),
+    Call("keygen keys"),
+    Call("bundle keylist keys.list --key keys/release.key --version 1 --allow keys/release.pub"),
+    Call("bundle renew", BUNDLE, "renewed", "--name", "renewed", "--key", "keys/release.key", needs=["c"]),
+    Call("bundle sign renewed --key keys/release.key", needs=["c"]),
+    Call("bundle inspect", BUNDLE, "--trust", "project"),
+    Call("bundle inspect --sbom release.cdx.json", needs=["c"]),
+    Call("bundle diff", BUNDLE, BUNDLE),
+    Call("ecu provision slots --root keys/release.pub --keys keys.list"),
+    Call("ecu run --periods 3", *VIRTUAL),
+    Call("ecu run --periods 3", *UDP, needs=["bus"]),
+    Call("can send Pressure", *VIRTUAL, needs=["bus"]),
+    Call("can decode drive.log"),
+    Call("can monitor drive.log"),
+    Call("can load"),
+    Call("flash", BUNDLE, "--bus", "virtual:walk", "--access", "access.key", needs=["flash"]),
+    Call("flash --keys keys.list --bus virtual:walk --access access.key", needs=["flash"]),
+    Call("calibrate --bus virtual:walk --access access.key lift=0.2", needs=["flash"]),
+    Call("diagnose --bus virtual:walk", needs=["flash"]),
+    Call("export --for-testers testers"),
     # It runs until it is stopped: here it refuses a library that is not there.
-    call("ecu --mcu flash.bin --library none --root keys/release.pub --access access.key", *UDP, status=1),
-    call("run run --lead-in 14 --controlled 1 --no-averages", needs=["sim"]),
-    call("run run_in_c --ecu c", needs=["sim", "c"]),
-    call("report run --output run.png", needs=["sim"]),
-    call("record made.h5 training=5 chirp=0 uncontrolled=5 --workers 1", needs=["sim"]),
-    call("dataset inspect", RECORDING, needs=["sim"]),
-    call(
+    Call("ecu --mcu flash.bin --library none --root keys/release.pub --access access.key", *UDP, status=1),
+    Call("run run --lead-in 14 --controlled 1 --no-averages", needs=["sim"]),
+    Call("run run_in_c --ecu c", needs=["sim", "c"]),
+    Call("report run --output run.png", needs=["sim"]),
+    Call("record made.h5 training=5 chirp=0 uncontrolled=5 --workers 1", needs=["sim"]),
+    Call("dataset inspect", RECORDING, needs=["sim"]),
+    Call(
         "dataset import own.h5 train=sweep.csv test=test.csv --layout sensors.csv --set flow.control_period=0.2 --set "
         "flow.action_limit=0.1",
         needs=["sim"],
     ),
-    call("picture pressure.pdf --field pressure", needs=["sim"]),
-    call("picture mean.svg --field mean --duration 1", needs=["sim"]),
-    call("picture run.gif --forcing run --every 10", needs=["sim"]),
-    call("develop start.npz --duration 0.2", needs=["sim"]),
-    call("plant-fmu plant.fmu", needs=["sim", "fmu"]),
-    call("develop steady.npz --steady --set flow.refinement=0.4", needs=["sim"]),
-    call("vehicle --periods 3", *VIRTUAL, needs=["sim"], status=3),
-    call("campaign --list", needs=["sim"]),
-    call("latency latency --periods 100", needs=["sim"]),
-    call("train model", needs=["train"]),
-    call("export --c library", needs=["c"]),
-    call("mcu", needs=["c", "mcu"]),
-    call("refine refined --set refine.updates=1", needs=["sim", "train"]),
-    call("live --port 8769 --plant recording", needs=["sim"]),
+    Call("picture pressure.pdf --field pressure", needs=["sim"]),
+    Call("picture mean.svg --field mean --duration 1", needs=["sim"]),
+    Call("picture run.gif --forcing run --every 10", needs=["sim"]),
+    Call("develop start.npz --duration 0.2", needs=["sim"]),
+    Call("plant-fmu plant.fmu", needs=["sim", "fmu"]),
+    Call("develop steady.npz --steady --set flow.refinement=0.4", needs=["sim"]),
+    Call("vehicle --periods 3", *VIRTUAL, needs=["sim"], status=3),
+    Call("campaign --list", needs=["sim"]),
+    Call("latency latency --periods 100", needs=["sim"]),
+    Call("train model", needs=["train"]),
+    Call("export --c library", needs=["c"]),
+    Call("mcu", needs=["c", "mcu"]),
+    Call("refine refined --set refine.updates=1", needs=["sim", "train"]),
+    Call("live --port 8769 --plant recording", needs=["sim"]),
 )
 
 

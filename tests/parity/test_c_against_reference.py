@@ -46,7 +46,6 @@ def in_c(program: ControllerProgram) -> CController:
 
 
 def in_integers(rounded: RoundedProgram, flags: tuple[str, ...] = FAST_BUILD) -> CController:
-    """Its library, with ranges of random windows."""
     windows = random_windows(rounded.program, 10, seed=1)
     return CController(c_library(rounded, windows), rounded.program.sizes, flags=flags)
 

@@ -3,8 +3,8 @@
 import platform
 import shutil
 import subprocess
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -25,9 +25,6 @@ COMPILER = zig_compiler()
 BARE = ("-target", "aarch64-linux-none", "-ffreestanding", "-nostdlib", "-static", "-Wl,-e,begin")
 PLAIN = (*BARE, "-mcpu=cortex_a72")
 DOT_PRODUCTS = (*BARE, "-mcpu=cortex_a76")
-
-NATIVE = ("-march=native",)
-
 PROGRAM = Path(__file__).parent / "c" / "aarch64_main.c"
 
 pytestmark = [
@@ -37,8 +34,7 @@ pytestmark = [
 ]
 
 
-@dataclass(frozen=True)
-class Library:
+class Library(NamedTuple):
     sources: dict[str, bytes]
     sizes: Sizes
     rows: ProgramRows
@@ -82,7 +78,8 @@ def test_answers_are_the_hosts(program, library):
     done = subprocess.run([EMULATOR, "-cpu", "max", program[1]], capture_output=True, check=True)
     horizon, window = library.sizes.horizon, library.sizes.window
     found = np.frombuffer(done.stdout, dtype="<f4").reshape(len(library.rows) - window + 1, -1)[:, :horizon]
-    host = CController(library.sources, library.sizes, compiler=COMPILER, flags=("-O2", "-ffp-contract=on", *NATIVE))
+    flags = ("-O2", "-ffp-contract=on", "-march=native")
+    host = CController(library.sources, library.sizes, compiler=COMPILER, flags=flags)
     plan, expected = np.zeros(horizon), []
     for end in range(window, len(library.rows) + 1):
         plan = host.control_step(library.rows[end - window : end].astype(np.float64), plan, np.ones(horizon)).plan

@@ -26,7 +26,6 @@ pytestmark = pytest.mark.slow  # seconds of graphs built and run, one for each s
 
 SMALL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8)
 LOWERINGS = (lambda program: program, rounded_to_nearest)
-"""Float weights, and int8 ones."""
 
 
 def check_graph(of: ControllerProgram, lowered: Program, windows: list[np.ndarray]) -> Figures:

@@ -14,8 +14,7 @@ import torch
 from benchmarks.controller.eager import EagerController
 from contract.config.controller import MpcConfig
 from examples.random_programs import random_program
-from export.gates import ControlCase, control_cases
-from export.program.controller_program import ControllerProgram
+from export.gates import control_cases
 from export.reference.mpc import control_step, cost_gradient, gradient
 from tests.each import each
 from tests.parity.drawn import drawn_program
@@ -23,23 +22,17 @@ from tests.parity.drawn import drawn_program
 pytestmark = pytest.mark.slow  # seconds of whole control steps by autograd
 
 TOLERANCE = 1e-9
-
-
 torch.set_num_threads(1)
-
-
-def assert_same_step(program: ControllerProgram, case: ControlCase) -> None:
-    expected: Any = EagerController(program, torch.float64).control_step(*case)
-    found = control_step(program, *case)
-    for name, value in zip(("plan", "forces", "terms", "cost"), expected, strict=True):
-        np.testing.assert_allclose(getattr(found, name), value, rtol=0, atol=TOLERANCE, err_msg=name)
 
 
 @each("seed", range(3))
 def test_control_step_of_random_small_nets(seed):
     program = drawn_program(seed)
     for case in control_cases(program, count=3, seed=seed):
-        assert_same_step(program, case)
+        expected: Any = EagerController(program, torch.float64).control_step(*case)
+        found = control_step(program, *case)
+        for name, value in zip(("plan", "forces", "terms", "cost"), expected, strict=True):
+            np.testing.assert_allclose(getattr(found, name), value, rtol=0, atol=TOLERANCE, err_msg=name)
 
 
 @each("seed", range(10))

@@ -1,7 +1,5 @@
 """The supply of a board cut in every operation of its flash while it is flashed, in machine code from reset on.
 
-    python -m tests.proofs flash_board --json results/flash_board.json
-
 Loader, drivers and ECU run on the emulated board; a tester flashes a second release over CAN. What a cut leaves, torn
 words included, is taken from one sequence; from there the board is switched on: it must run one of the two releases.
 Its recovery is cut once more, and on some boards the second release is flashed to its end. At last a tester reads at
@@ -70,7 +68,6 @@ class Cuts:
         return found
 
     def after(self, packed: bytes, seed: int, *, flashes: bool) -> Counter[str]:
-        """What the board does with such a flash, counted."""
         board, found = self._board, Counter(cuts=1)
         board.power_on(FlashBank.unpack(zlib.decompress(packed)), 0)
         release = self._running()

@@ -1,7 +1,5 @@
 """What diagnosis takes from control on a board: the longest period under a flood of requests, and its own pieces.
 
-    python -m tests.proofs flash_pieces --json results/flash_pieces.json
-
 The shipped release as machine code on the emulated board, its cycles modelled. Control waits for one running piece of
 diagnosis at most, so both together have to fit into the period. The memory's own times are not in it.
 """
@@ -30,14 +28,10 @@ from tests.proofs.command_line import JsonFile, report
 
 CONFIG: Final = load_config()
 PERIODS: Final = 120
-FLOODS: Final = (0, 10, 60)
-"""Requests in a period."""
-BLOCK: Final = 4078
-"""Bytes of a TransferData in a message of 4 KiB."""
-WORKING: Final = 1
-"""`SW_STORE_WORKING`: there is another piece to come."""
-RECORDS: Final = 3 * 4
-"""Bytes of `sw_store` before its records: three pointers."""
+FLOODS: Final = (0, 10, 60)  # requests in a period
+BLOCK: Final = 4078  # bytes of a TransferData in a message of 4 KiB
+WORKING: Final = 1  # `SW_STORE_WORKING`: there is another piece to come
+RECORDS: Final = 3 * 4  # bytes of `sw_store` before its records: three pointers
 SCRATCH: Final = SRAM + SRAM_BYTES - 8192
 _HEX: Final = f"22FD03 22{16 * 'F186'} 22FD01 22FD11 190A 1902FF 3E00 1003 2703 2704{32 * '0'}"
 REQUESTS: Final = tuple(map(bytes.fromhex, _HEX.split()))
@@ -57,20 +51,15 @@ def main(json_file: JsonFile = None) -> None:
         pieces = _pieces(board, built.image("two", 2))
         floods = {count: _longest(built, board.firmware, FlashBank.unpack(bank), rows, count) for count in FLOODS}
         shut = _longest(built, board.firmware, FlashBank.unpack(bank), rows, FLOODS[-1], asks=False)
-    cycles_of = {
-        **{f"{count} requests in a period": cycles for count, cycles in floods.items()},
-        f"{FLOODS[-1]} requests, the jets shut": shut,
-        **pieces,
-    }
-    figures = {
-        what: {f"{clock} MHz": round(cycles / (clock * 1e3), 2) for clock in CORTEX_M7.clocks_mhz}
-        for what, cycles in cycles_of.items()
-    }
+    cycles_of = {f"{count} requests in a period": cycles for count, cycles in floods.items()}
+    cycles_of |= {f"{FLOODS[-1]} requests, the jets shut": shut} | pieces
+    clocks = CORTEX_M7.clocks_mhz
+    figures = {of: {f"{mhz} MHz": round(n / (mhz * 1e3), 2) for mhz in clocks} for of, n in cycles_of.items()}
     packages = ("stillwake", "unicorn", "ziglang")
     report(json_file, "diagnosis beside control", figures, packages=packages, bundle=release.manifest.name,
            digest=release.digest, period_ms=CONFIG.period_ns / 1e6)  # fmt: skip
     longest = max(*floods.values(), shut + max(pieces.values()))
-    if longest > CORTEX_M7.clocks_mhz[-1] * 1e-3 * CONFIG.period_ns:
+    if longest > clocks[-1] * 1e-3 * CONFIG.period_ns:
         raise StillwakeError(f"a period and what diagnosis does in it take {longest} cycles together")
 
 

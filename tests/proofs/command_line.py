@@ -1,7 +1,4 @@
-"""What the commands of the proofs share: parts of the work in several processes, progress, and where figures go.
-
-Work is shared among fresh processes, and an error or a stop ends them.
-"""
+"""What the commands of the proofs share: parts of the work in fresh processes, progress, and where figures go."""
 
 import multiprocessing
 import resource

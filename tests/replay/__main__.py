@@ -44,8 +44,6 @@ PARTS: Final = ROOT / "build" / "replay"
 
 
 class OtherReleaseError(StillwakeError):
-    """The recordings belong to another release than the shipped one."""
-
     status: ClassVar[int] = 4
 
 
@@ -67,7 +65,7 @@ def main(
     jobs, refused = judging.c_jobs(paths, judging.c_library())
     if lost := [why for name, why in refused.items() if "c" in drives[name].answers]:
         raise ShelfError(f"the ECU in C refuses what it answered when it was recorded: {lost[0]}")
-    jobs += [Job(paths=half) for half in (paths[::2], paths[1::2]) if half]
+    jobs += [Job(half) for half in (paths[::2], paths[1::2]) if half]
     with process_pool(PROCESSES) as pool:
         done = track(pool.map(judging.answers, jobs), "replay", "parts", len(jobs))
         verdicts = [
@@ -103,8 +101,7 @@ def main(
 
 
 def provenance() -> dict[str, Any]:
-    """Return the origin of the recordings. Raises ShelfError if it is missing, OtherReleaseError if it is another
-    release than the shipped one."""
+    """Return the origin of the recordings; raises ShelfError without one, OtherReleaseError for another release."""
     try:
         origin: dict[str, Any] = json.loads((SHELF / PROVENANCE).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

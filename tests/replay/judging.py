@@ -1,12 +1,11 @@
-"""The effect of a change: both ECUs run open loop over recorded drives, and their answers are compared with recorded
-ones."""
+"""The effect of a change: both ECUs run open loop over recorded drives, and answers are compared with recorded ones."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -35,10 +34,9 @@ FLAGS: Final = ("-O1", "-ffp-contract=off")
 ROUNDING: Final = 1e-3
 """Largest difference of commands of the ECU in Python, in U_inf W (1.3 % of the range), where another processor or
 ONNX Runtime sums in another order. Modes and reasons must be equal there; the state is not compared."""
-MOST_DRAWN: Final = 12
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Verdict:
     """The comparison of one drive of one ECU: the periods in which frames or state differ, the largest change of a
     command in U_inf W, and the names of the state's changed fields in the order in which they change."""
@@ -55,27 +53,22 @@ class Verdict:
 def verdict(drive: str, kind: str, old: Answers, new: Answers, *, exact: bool = True) -> Verdict:
     """Compare two answers; what is missing in one differs. Without `exact` commands may differ by `ROUNDING`."""
     apart = [abs(one - other) for one, other in zip(old.actions, new.actions, strict=False)]
-    differs = [one != other for one, other in zip_longest(old.frames, new.frames)]
     began = dict[str, int]()
     if exact:
+        differ = _unequal(old.frames, new.frames)
         for name in old.states.keys() | new.states.keys():
-            pairs = zip_longest(old.states.get(name, ()), new.states.get(name, ()))
-            if other := {k for k, (one, two) in enumerate(pairs) if one != two}:
-                began[name] = min(other)
-                differs = [is_other or k in other for k, is_other in enumerate(differs)]
+            if unequal := _unequal(old.states.get(name, ()), new.states.get(name, ())):
+                began[name] = min(unequal)
+                differ |= unequal
     else:
-        shown = zip_longest(zip(old.modes, old.reasons, strict=True), zip(new.modes, new.reasons, strict=True))
-        far = {k for k, change in enumerate(apart) if change > ROUNDING}
-        differs = [one != two or k in far for k, (one, two) in enumerate(shown)]
-    return Verdict(
-        drive=drive,
-        kind=kind,
-        old=old,
-        new=new,
-        periods=[k for k, is_other in enumerate(differs) if is_other],
-        largest=max(apart, default=0.0),
-        changed=sorted(began, key=lambda name: (began[name], name)),
-    )
+        differ = {k for k, change in enumerate(apart) if change > ROUNDING}
+        differ |= _unequal(old.modes, new.modes) | _unequal(old.reasons, new.reasons)
+    changed = sorted(began, key=lambda name: (began[name], name))
+    return Verdict(drive, kind, old, new, periods=sorted(differ), largest=max(apart, default=0.0), changed=changed)
+
+
+def _unequal(ones: Sequence[object], others: Sequence[object]) -> set[int]:
+    return {k for k, (one, other) in enumerate(zip_longest(ones, others)) if one != other}
 
 
 def c_library() -> dict[str, bytes]:
@@ -87,12 +80,10 @@ def c_library() -> dict[str, bytes]:
     return int8_library(program, windows) | control_sources() | estimator_files(release.files[ESTIMATOR])
 
 
-@dataclass(frozen=True, kw_only=True)
-class Job:
+class Job(NamedTuple):
     """Drives for one ECU in one process. For the ECU in C, `sources` build it, and all drives use this one build."""
 
     paths: Sequence[Path]
-    kind: str = "python"
     sources: Mapping[str, bytes] | None = None
 
 
@@ -107,23 +98,23 @@ def c_jobs(paths: Sequence[Path], library: Mapping[str, bytes]) -> tuple[list[Jo
             except ConfigError as error:
                 refused[drive.name] = str(error)
     of = {header: with_layout({**library, ECU_SETTINGS: header}) for header in groups}
-    return [Job(paths=found, kind="c", sources=of[header]) for header, found in groups.items()], refused
+    return [Job(found, of[header]) for header, found in groups.items()], refused
 
 
 def answers(job: Job) -> list[tuple[str, str, Answers]]:
-    """Return (drive, ECU, answers) for each drive of a job."""
-    in_c, found = None if job.sources is None else CEcu(job.sources, flags=FLAGS), []
+    kind, in_c = ("python", None) if job.sources is None else ("c", CEcu(job.sources, flags=FLAGS))
+    found = []
     for path in job.paths:
         drive = read(path)
         with vehicle(drive.settings) as config:
-            ecu = python_ecu(config) if in_c is None else in_c
-        found.append((drive.name, job.kind, open_loop(ecu, drive.periods)))
+            ecu = in_c or python_ecu(config)
+        found.append((drive.name, kind, open_loop(ecu, drive.periods)))
     return found
 
 
 def draw(verdicts: Sequence[Verdict], path: Path) -> None:
     """Draw recorded and present commands and modes over time, the drives with the largest changes first."""
-    chosen = sorted(verdicts, key=lambda one: -one.largest)[:MOST_DRAWN]
+    chosen = sorted(verdicts, key=lambda one: -one.largest)[:12]
     figure = Figure(figsize=(12, 2.2 * len(chosen)), layout="constrained")
     axes: Any = figure.subplots(len(chosen), 2, squeeze=False)
     for (commands, modes), one in zip(axes, chosen, strict=True):

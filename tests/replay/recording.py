@@ -56,7 +56,6 @@ class Plan:
 
 
 def plans(sensors: Sequence[str]) -> list[Plan]:
-    """Return all drives, for a release with these sensors."""
     found = []
     for number, (name, table) in enumerate(tomllib.loads(PLANS.read_text(encoding="utf-8")).items()):
         texts = [text.format(s=sensors) for text in table.get("disturb", ())]
@@ -84,7 +83,6 @@ def _controller() -> OnnxController:
 
 
 def python_ecu(config: Config, kind: type[Ecu] = Ecu) -> Any:
-    """Return an ECU in Python that was just powered on."""
     return kind(shipped(), _controller(), config, authentication=authentication_in_virtual_time(config.bus))
 
 

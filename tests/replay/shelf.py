@@ -6,7 +6,7 @@ fields that a change affects.
 
 import gzip
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from math import nan
 from pathlib import Path
@@ -55,26 +55,22 @@ class Answers:
     states: dict[str, list[int]] = field(default_factory=dict)
 
     def add(self, ecu: CalibratedEcu, sent: Sequence[Frame]) -> None:
-        """Record the answers of an ECU to its latest step."""
         trace, state = ecu.trace, ecu.state
         self.frames.append(tuple(sent))
         self.actions.append(trace.action)
         self.modes.append(int(trace.mode))
         self.reasons.append(int(state.fail_safe.reason))
-        for name, value in flattened(state).items():
+        for name, value in _leaves(state):
             self.states.setdefault(name, []).append(zlib.crc32(_content(value)))
 
 
-def flattened(value: object, name: str = "") -> dict[str, Any]:
-    """Return a state, or any part of it, as a dictionary from dotted names to the values of single fields."""
-    if is_dataclass(value) and not isinstance(value, type | DelayLine):
-        parts = ((item.name, getattr(value, item.name)) for item in fields(value))
-        return {
-            key: leaf
-            for part, content in parts
-            for key, leaf in flattened(content, f"{name}.{part}" if name else part).items()
-        }
-    return {name: value}
+def _leaves(value: object, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the dotted name and the value of each field of a state, or of any part of it."""
+    if not is_dataclass(value) or isinstance(value, type | DelayLine):
+        yield name.removeprefix("."), value
+        return
+    for item in fields(value):
+        yield from _leaves(getattr(value, item.name), f"{name}.{item.name}")
 
 
 def _content(value: Any) -> bytes:
@@ -98,7 +94,6 @@ class Recorded:
 
 
 def save(path: Path, drive: Recorded) -> None:
-    """Write a drive to a file, completely or not at all."""
     with replacing(path) as temporary:
         temporary.write_bytes(gzip.compress(msgspec.msgpack.encode(drive), mtime=0))
 

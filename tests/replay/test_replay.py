@@ -19,14 +19,13 @@ from tests.replay.recording import open_loop, plans, python_ecu, shipped, vehicl
 from tests.replay.shelf import SHELF, SUFFIX, Answers, ShelfError, read
 
 DRIVE = SHELF / f"undisturbed{SUFFIX}"
-MOST_BYTES = 3_000_000
 
 
 def test_the_shelf_is_as_it_was_recorded_and_small():
     record = json.loads((SHELF / PROVENANCE).read_text(encoding="utf-8"))
     files = {path.name: path.read_bytes() for path in SHELF.glob(f"*{SUFFIX}")}
     assert record["sha256"] == {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
-    assert sum(map(len, files.values())) < MOST_BYTES
+    assert sum(map(len, files.values())) < 3_000_000
     assert files.keys() <= {f"{plan.name}{SUFFIX}" for plan in plans(shipped().manifest.sensors)}
     assert {read(SHELF / name).digest for name in files} == {record["digest"]}
 
@@ -44,11 +43,10 @@ def test_every_plan_can_be_driven():
 
 @pytest.mark.slow  # 75 control steps, twice
 def test_a_constant_of_the_gate_that_is_changed_is_seen_in_python(monkeypatch):
-    periods, of = read(DRIVE).periods[:75], GateLimits.from_config
+    periods, own = read(DRIVE).periods[:75], GateLimits.from_config(load_config())
     before = open_loop(python_ecu(load_config()), periods)
-    monkeypatch.setattr(
-        GateLimits, "from_config", lambda config: replace(of(config), step_m2_per_s=0.01 * of(config).step_m2_per_s)
-    )
+    wrong = replace(own, step_m2_per_s=0.01 * own.step_m2_per_s)
+    monkeypatch.setattr(GateLimits, "from_config", lambda config: wrong)
     after = open_loop(python_ecu(load_config()), periods)
     for exact in (True, False):
         found = judging.verdict("", "python", before, after, exact=exact)
@@ -65,7 +63,7 @@ def test_a_line_that_is_changed_is_seen_in_c(tmp_path):
     ((_, _, before),) = judging.answers(job)
     assert 2 in before.modes, "never in control"
     (fault,) = (one for one in PLANTED if one.what == "an action is kept as a float")
-    ((name, kind, after),) = judging.answers(replace(job, sources=fault.into(dict(job.sources))))
+    ((name, kind, after),) = judging.answers(job._replace(sources=fault.into(dict(job.sources))))
     found = judging.verdict(name, kind, before, after)
     assert found.periods and found.changed[0] == "memory.under_way"
     judging.draw([found], tmp_path / "changed.png")
@@ -74,18 +72,11 @@ def test_a_line_that_is_changed_is_seen_in_c(tmp_path):
 
 def test_what_differs_is_counted_and_named():
     one, other = (Frame(frame_id=0x120, data=data) for data in (b"\0", b"\1"))
-    names = {"mode": [1, 1, 1], "plan": [4, 5, 6]}
-    old = Answers(
-        frames=[(one,)] * 3,
-        actions=[0.0, 0.01, 0.02],
-        modes=[2] * 3,
-        reasons=[0] * 3,
-        states={**names, "gone": [1] * 3},
-    )
-    new = replace(
-        old, frames=[(one,), (one,), (other,)], actions=[0.0, 0.01, 0.05], states={**names, "plan": [4, 0, 0]}
-    )
-    found = judging.verdict("", "c", old, replace(new, states={**new.states, "gone": [1] * 3}))
+    states = {"mode": [1, 1, 1], "plan": [4, 5, 6], "gone": [1, 1, 1]}
+    old = Answers(frames=[(one,)] * 3, actions=[0.0, 0.01, 0.02], modes=[2] * 3, reasons=[0] * 3, states=states)
+    new = replace(old, frames=[(one,), (one,), (other,)], actions=[0.0, 0.01, 0.05])
+    new = replace(new, states={"mode": [1, 1, 1], "plan": [4, 0, 0]})
+    found = judging.verdict("", "c", old, replace(new, states={**new.states, "gone": [1, 1, 1]}))
     assert (found.periods, found.changed) == ([1, 2], ["plan"])
     assert found.largest == pytest.approx(0.03)
     assert judging.verdict("", "c", old, new).changed == ["gone", "plan"], "a field that is missing"

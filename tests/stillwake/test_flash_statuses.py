@@ -17,7 +17,7 @@ from contract.shipped import BUNDLE
 from stillwake.console.progress import Report
 from tests.can_bridge.flashing.releases import RELEASE, SECOND, keys, provisioned
 from tests.can_bridge.flashing.store_ecu import SECRET, VALUES, StoreEcu
-from tests.can_bridge.tester.ecu_to_flash import SHIPPED, EcuToFlash
+from tests.can_bridge.tester.ecus import SHIPPED, EcuToFlash
 from tests.can_bridge.tester.served import served
 from tests.stillwake.commands.test_bundle import image_of as unsigned_image
 

@@ -18,7 +18,7 @@ from contract.shipped import BUNDLE
 from stillwake.console.terminal import console
 from tests.can_bridge.flashing.releases import provisioned
 from tests.can_bridge.flashing.store_ecu import SECRET, StoreEcu
-from tests.can_bridge.tester.calibrated_ecu import OWN, Ecu
+from tests.can_bridge.tester.ecus import OWN, Ecu
 from tests.can_bridge.tester.line import Line
 from tests.can_bridge.uds.scripted_ecu import Bench
 from tests.can_bridge.uds.test_faults import Memory

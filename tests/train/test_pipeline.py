@@ -10,15 +10,20 @@ import pytest
 import torch
 
 from contract import sensors
+from contract.config.learning import ModelConfig, TrainConfig
+from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.errors import ConfigError, ModelError
 from contract.recording import dataset
+from tests.foreign_plant import LIMIT, NAMES, PERIOD
+from tests.train.conftest import LAYOUT
 from train import model_store
 from train.distillation.evaluate import evaluate
 from train.fitting.fit import fit_joint
 from train.fitting.progress import Phase
 from train.networks.samples import prepare
 from train.pipeline import train_all
+from train.selection.shap_ranking import SensorChoice
 
 pytestmark = pytest.mark.slow  # whole trainings
 
@@ -88,6 +93,33 @@ def test_an_interrupted_run_goes_on_to_the_same_model(stored, recording, config,
     train_all(recording, config, output, progress=lambda *args: phases.append(args[0]))
     assert not {"fit", "rank"} & set(phases)
     assert (output / "model.safetensors").read_bytes() == (stored / "model.safetensors").read_bytes()
+
+
+FOREIGN = Config(
+    flow=FlowConfig(control_period=PERIOD, action_limit=LIMIT),
+    model=ModelConfig(window=12, lstm_width=16, dynamics_width=24, decoder_width=16, dropout=0.0),
+    train=TrainConfig(
+        segment=8, batch_size=128, schedule="one_cycle", learning_rate=1e-2, epochs=8.0, distil_epochs=4.0, sensors=3,
+        selection="greedy", shap_background=5, shap_explained=10, shap_repeats=1, shap_samples=2,
+    ),
+)  # fmt: skip
+
+
+def test_a_model_of_another_plant_predicts_its_forces_and_keeps_its_layout(foreign_recording, tmp_path):
+    """Of seven sensors without mirror images."""
+    dataset.write(tmp_path / "my.h5", foreign_recording)
+    lines, phases = list[str](), set[Phase]()
+    said: dict[str, Any] = {"notice": lines.append, "progress": lambda phase, *_: phases.add(phase)}
+    trained = train_all(tmp_path / "my.h5", FOREIGN, tmp_path / "model", **said)
+    assert [line.split(",")[0] for line in lines] == ["episode blink has 20 steps"]
+    # Six seconds of training: lift is nearly linear in every pressure.
+    assert trained.metrics.slim.lift.r2 > 0.8
+    read = model_store.load(tmp_path / "model")
+    assert read.layout.difference(LAYOUT) is None
+    assert set(read.sensors) < set(NAMES) and len(read.scaling.pressure_mean) == 7
+    assert Phase.SELECT in phases and Phase.RANK not in phases
+    assert read.predictor is None and read.metrics.deployed is None
+    assert read.ranking == SensorChoice(method="greedy", order=trained.sensors)
 
 
 def test_what_cannot_be_trained_is_refused_before_training(recording, small_config, tmp_path):

@@ -60,11 +60,6 @@ class Oscillator:
 
 
 @pytest.fixture
-def oscillator() -> type[Oscillator]:
-    return Oscillator
-
-
-@pytest.fixture
 def cheap_plant(monkeypatch: pytest.MonkeyPatch) -> None:
     """The recorder's plant in this process is an `Oscillator`."""
     start = State(flat=np.array([1.0, 0.0]), substep=0, action=0.0)

@@ -1,7 +1,4 @@
-"""Where a run's flow begins: the shipped start, or a state of the user's that fits the settings.
-
-A recording as a plant: its rows, in order, again and again.
-"""
+"""Where a run's flow begins: the shipped start, or a state of the user's that fits. A recording as a plant."""
 
 from dataclasses import replace
 from typing import Any

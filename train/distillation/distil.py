@@ -20,22 +20,19 @@ from train.networks.model import Encoder, prediction_loss
 from train.networks.samples import Rows, SegmentSampler, add_sensor_noise
 
 _CHUNK = 1024
-"""Number of windows that are encoded together. With this number, the LSTM's work arrays fit into the CPU's cache."""
+"""Number of windows that are encoded together. The LSTM's work arrays then fit into the CPU's cache."""
 
 
 def encode_all(encoder: Encoder, rows: Rows) -> Tensor:
-    """Compute the latents of n rows, (n, N_z). Entry k belongs to the window of L rows that ends at row k; the first
-    L - 1 entries of an episode are NaN."""
-    window = encoder.window
+    """Compute latents (n, N_z) of n rows: k is for the window that ends at row k; an episode's first L - 1 are NaN."""
+    before, parts = encoder.window - 1, list[Tensor]()
     with torch.no_grad():
-        parts = []
         for span in rows.spans():
             inputs = rows.inputs[span]
-            missing = min(window - 1, len(inputs))
+            missing = min(before, len(inputs))
             parts.append(inputs.new_full((missing, encoder.output.out_features), float("nan")))
             for start in range(0, len(inputs) - missing, _CHUNK):
-                chunk = inputs[start : start + _CHUNK + window - 1]
-                parts.append(encoder.encode_segments(chunk[None])[0])
+                parts.append(encoder.encode_segments(inputs[None, start : start + _CHUNK + before])[0])
         return torch.cat(parts)
 
 
@@ -84,7 +81,6 @@ def distil(
 
         if settings.stream_epochs:
             fit(Phase.STREAM, slim.encode_stream, settings.stream_epochs, STRETCH, settings.batch_size * _MORE)
-        # Each segment is a single window. Segments of overlapping windows would share the products of rows and input
-        # weights, but these products take little time, because a slim encoder has few sensors.
+        # Each segment is a single window, because a slim encoder gains little from windows that overlap.
         fit(Phase.DISTIL, slim.encode_segments, settings.distil_epochs, 1, settings.batch_size)
     return slim

@@ -62,8 +62,7 @@ class ModelMetrics:
 def evaluate_model(
     teacher: WakeModel, slim: Encoder, predictor: Predictor | None, rows: Rows, chosen: Index
 ) -> ModelMetrics:
-    """Compute all errors of a trained model on test rows with all sensors' columns; `chosen` (N,) are the slim
-    encoder's sensors. Raises the errors of `evaluate`."""
+    """Compute all errors on test rows with all sensors; `chosen` (N,) are the slim encoder's. Raises as `evaluate`."""
     slim_rows = rows.with_sensors(chosen)
     return ModelMetrics(
         teacher=evaluate(teacher.encoder, teacher, rows),
@@ -78,14 +77,12 @@ def evaluate(
 ) -> EncoderMetrics:
     """Compute the errors of an encoder with the given dynamics and decoder, on test rows with the encoder's sensors.
     All windows are evaluated. Roll-outs start from all windows that are followed by enough rows for the longest
-    horizon. Raises DatasetError if no episode is long enough for a window and the longest horizon, or if a force or a
-    latent is constant."""
+    horizon. Raises DatasetError if no episode is long enough, or a force or latent is constant."""
     latents, dynamics, decoder = encode_all(encoder, rows), predictor.dynamics, predictor.decoder
-    longest = max(horizons)
+    longest, full = max(horizons), ~latents[:, 0].isnan()
+    reference = rows.forces[full]
     with torch.no_grad():
-        full = ~latents[:, 0].isnan()
         decoded = decoder(latents[full])
-        reference = rows.forces[full]
         starts = rollout_starts(rows, encoder.window, longest)
         actions = rows.actions[starts[:, None] + torch.arange(longest, device=starts.device)]
         predicted = dynamics.rollout(latents[starts], actions)

@@ -1,10 +1,9 @@
 """The narrower dynamics and decoder for small ECUs, distilled on roll-outs of trained networks (this project's method).
 
-The paper makes only the encoder smaller. But the other two networks take nearly all the time of a control step: the
-optimiser rolls them out over `horizon` steps, forwards and backwards, in every iteration. So a student, a narrower
-version of these two networks, learns from lessons. A lesson has a roll-out of `horizon` steps from a latent of the
-vehicle's encoder, the forces, and the gradient of the controller's cost with respect to the plan. The optimiser uses
-only this gradient (Sobolev training, Czarnecki et al. 2017).
+The paper makes only the encoder smaller. But the other two networks take nearly all the time of a control step. So a
+student, a narrower version of these two networks, learns from lessons. A lesson has a roll-out of `horizon` steps from
+a latent of the vehicle's encoder, the forces, and the gradient of the controller's cost with respect to the plan. The
+optimiser uses only this gradient (Sobolev training, Czarnecki et al. 2017).
 
 The trained predictor, the teacher, gives a roll-out for any actions. A quarter of the lessons use the actions that were
 recorded after the lesson's first state, and a quarter use actions from other places in the recording. The other half
@@ -34,8 +33,7 @@ from train.networks.samples import Rows
 
 
 def predict(model: Predictor | WakeModel, latent: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the roll-out from the latents (B, N_z) at t with the actions (B, H) at t .. t+H-1: latents (H + 1, B, N_z)
-    and forces (H + 1, B, 2) at t .. t+H."""
+    """Return latents (H + 1, B, N_z) and forces (H + 1, B, 2) at t .. t+H, from latents (B, N_z) and actions (B, H)."""
     latents = torch.cat([latent[None], model.dynamics.rollout(latent, actions)])
     return latents, model.decoder(latents)
 
@@ -75,15 +73,9 @@ _LONGEST_STEP = 4e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lessons:
-    """A set of n roll-outs of H steps, with standardised values.
-
-    Attributes:
-        actions: (n, H), actions at t .. t+H-1.
-        latents: (n, H + 1, N_z), latents at t .. t+H, by the teacher's dynamics.
-        forces: (n, H + 1, 2), forces at t .. t+H, by the teacher's decoder.
-        by_force: (n, H, 2), gradient of the cost with respect to the forces at t+1 .. t+H.
-        slope: (n, H), gradient of the cost with respect to the actions.
-    """
+    """A set of n roll-outs of H steps, with standardised values: actions (n, H) at t .. t+H-1, latents (n, H + 1, N_z)
+    and forces (n, H + 1, 2) at t .. t+H by the teacher's dynamics and decoder, and the gradients of the cost with
+    respect to the forces at t+1 .. t+H (n, H, 2) and to the actions (n, H)."""
 
     actions: Tensor
     latents: Tensor
@@ -103,20 +95,16 @@ def teach(
     teacher: WakeModel, latents: Tensor, rows: Rows, scaling: Scaling, config: Config, *, progress: Progress = silent
 ) -> Lessons:
     """Compute at least `config.train.predictor_lessons` lessons; equal seeds give equal lessons. `latents` (n, N_z) are
-    computed from the n rows by the vehicle's encoder. Raises DatasetError if no episode is long enough for a window and
-    the horizon."""
+    computed from the n rows by the vehicle's encoder. Raises DatasetError if all episodes are too short."""
     starts = rollout_starts(rows, config.model.window, config.mpc.horizon)
     ahead = torch.arange(config.mpc.horizon, device=starts.device)
     generator = np.random.default_rng(config.train.seed)
     batches = max(1, -(-config.train.predictor_lessons // (2 * _TOGETHER * _STEPS_DOWN)))
-    total, done = 2 * batches * _STEPS_DOWN, 0
     taught: list[Lessons] = []
 
     def kept(lessons: Lessons) -> Lessons:
-        nonlocal done
         taught.append(lessons)
-        done += 1
-        progress(Phase.LESSONS, done, total, {})
+        progress(Phase.LESSONS, len(taught), 2 * batches * _STEPS_DOWN, {})
         return lessons
 
     def drawn() -> tuple[Tensor, Tensor]:
@@ -143,13 +131,8 @@ def _lesson(teacher: WakeModel, latent: Tensor, actions: Tensor, scaling: Scalin
         latents, forces = predict(teacher, latent, leaf)
         by_force = force_slope(forces[1:], config.mpc.weights, scaling)
         slope = plan_slope(forces, leaf, by_force)
-    return Lessons(
-        actions=actions,
-        latents=latents.detach().transpose(0, 1),
-        forces=forces.detach().transpose(0, 1),
-        by_force=by_force.transpose(0, 1),
-        slope=slope,
-    )
+    latents, forces, by_force = (one.detach().transpose(0, 1) for one in (latents, forces, by_force))
+    return Lessons(actions=actions, latents=latents, forces=forces, by_force=by_force, slope=slope)
 
 
 _FEWER = 4
@@ -183,7 +166,7 @@ def distil_predictor(
             drawn = torch.as_tensor(generator.integers(len(lessons), size=batch_size), device=device)
             lesson = lessons.drawn(drawn)
             latents, forces, by_force = (
-                value.transpose(0, 1) for value in (lesson.latents, lesson.forces, lesson.by_force)
+                one.transpose(0, 1) for one in (lesson.latents, lesson.forces, lesson.by_force)
             )
             actions = lesson.actions.requires_grad_(True)
             found_latents, found_forces = predict(student, latents[0], actions)

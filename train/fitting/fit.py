@@ -4,8 +4,8 @@ A run depends on configuration and recording only. Batches depend only on the se
 dropout depend on a generator that this module seeds and the checkpoint stores. So a run that is interrupted and resumed
 ends with the weights of an uninterrupted run, if machine and number of threads are the same.
 
-The default number of torch's threads is one. On a machine with other work, a step with two threads used ten times the
-CPU time of one thread (measured). The number of threads changes the order of sums, and so the bytes of a trained model.
+The default number of torch's threads is one: on a machine with other work, a step with two threads used ten times the
+CPU time (measured). The number of threads changes the order of sums, and so the bytes of a trained model.
 """
 
 import shutil
@@ -43,13 +43,11 @@ def without_denormals() -> Iterator[None]:
     """Flush denormal numbers to zero inside the block, in this thread. A flow in single precision and its adjoint have
     many such tiny numbers in regions where waves have decayed. Some processors take a hundred times as long for an
     operation with a denormal number. A gradient then took three times as long (measured once, Xeon of 2.5 GHz)."""
-    # Torch cannot report the previous setting. No other code switches the setting on, so switching it off after the
-    # block restores the previous setting.
     torch.set_flush_denormal(True)
     try:
         yield
     finally:
-        torch.set_flush_denormal(False)
+        torch.set_flush_denormal(False)  # torch cannot report the previous setting; no other code switches it on
 
 
 REPORT_EVERY = 10
@@ -128,13 +126,9 @@ def optimise(
         if checkpoints is not None and is_kept:
             for parameter in module.parameters():
                 check_finite(parameter, done)
-            state = {
-                "module": module.state_dict(),
-                "optimiser": optimiser.state_dict(),
-                "rate": rate.state_dict(),
-                "generators": _generators(),
-                "step": done,
-            }
+            learned = {"module": module.state_dict(), "optimiser": optimiser.state_dict(), "rate": rate.state_dict()}
+            cuda = {"cuda": torch.cuda.get_rng_state()} if torch.cuda.is_available() else {}
+            state = {**learned, "generators": {"cpu": torch.get_rng_state(), **cuda}, "step": done}
             checkpoints.save(phase, state, Reached(phase=phase, step=done, total=steps))
     module.eval()
 
@@ -166,8 +160,7 @@ def fit_joint(
 
         fit(settings, Phase.FIT)
         if settings.finish.epochs:
-            # Each field of `finish` replaces the setting of the same name. This last part of the training reads
-            # windows, as the vehicle does.
+            # Each field of `finish` replaces the setting of its name. This part reads windows, as the vehicle does.
             fit(replace(settings, streamed=False, **asdict(settings.finish)), Phase.FINISH)
     return model
 
@@ -176,10 +169,3 @@ def _rate(optimiser: torch.optim.Optimizer, steps: int, settings: TrainConfig) -
     if settings.schedule == "constant":
         return torch.optim.lr_scheduler.LambdaLR(optimiser, lambda step: 1.0)
     return torch.optim.lr_scheduler.OneCycleLR(optimiser, max_lr=settings.learning_rate, total_steps=max(2, steps))
-
-
-def _generators() -> dict[str, Tensor]:
-    states = {"cpu": torch.get_rng_state()}
-    if torch.cuda.is_available():
-        states["cuda"] = torch.cuda.get_rng_state()
-    return states

@@ -1,9 +1,9 @@
 """The phases of a training, and the reports of its progress."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import StrEnum
-from typing import Any, Protocol
+from typing import Any
 
 
 class Phase(StrEnum):
@@ -31,15 +31,12 @@ class Phase(StrEnum):
         return phase
 
 
-class Progress(Protocol):
-    """A function that receives the phase, the numbers of finished steps and of all steps, and the latest loss terms."""
-
-    def __call__(self, phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None: ...
+Progress = Callable[[Phase, int, int, Mapping[str, float]], None]
+"""A function that receives the phase, the numbers of finished steps and of all steps, and the latest loss terms."""
 
 
-def silent(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
+def silent(*_: object) -> None:
     """Ignore the progress."""
-    del phase, step, total, terms
 
 
 class Stopwatch:

@@ -1,9 +1,6 @@
-"""The checkpoints of an unfinished training.
-
-A file in the checkpoints' folder states the training's identity and progress. This file is read without torch, which
-takes seconds to load, so another training's checkpoints are refused without delay. All files are written completely or
-not at all. Checkpoints are loaded only with equal settings.
-"""
+"""The checkpoints of an unfinished training. A file in their folder states the training's identity and progress. This
+file is read without torch, which takes seconds to load, so another training's checkpoints are refused without delay.
+All files are written completely or not at all."""
 
 import io
 import json
@@ -38,8 +35,7 @@ class Identity:
     def of(
         cls, config: Config, dataset_sha256: str, device: str, chosen: Sequence[str] | None, threads: int = 1
     ) -> "Identity":
-        """Return the identity of a training on the device "cpu" or "cuda"; `chosen` are the names of the sensors, if
-        the caller chose them."""
+        """Return the identity of a training on the device "cpu" or "cuda"; the caller may have `chosen` sensors."""
         of_lessons = {"weights": asdict(config.mpc.weights), "action_limit": config.flow.action_limit}
         settings = {
             "model": asdict(config.model),
@@ -116,9 +112,9 @@ def reached(folder: Path) -> Reached | None:
     """Return the progress that was stored last; None if no progress was stored."""
     noted = (_label(folder) or {}).get("reached", {})
     try:
-        phase = next(phase for phase in Phase if phase == noted["phase"])
+        phase = {str(phase): phase for phase in Phase}[noted["phase"]]
         return Reached(phase=phase, step=int(noted["step"]), total=int(noted["total"]))
-    except (TypeError, ValueError, KeyError, StopIteration):
+    except (TypeError, ValueError, KeyError):
         return None
 
 
@@ -142,12 +138,7 @@ _MEND: Final = "delete it, or start over with --restart"
 
 @dataclass(frozen=True, kw_only=True)
 class Checkpoints:
-    """The folder in which the phases of a training store their state, one file per phase.
-
-    Attributes:
-        identity: settings and recording of the training.
-        every: number of steps between two checkpoints.
-    """
+    """The folder in which the phases of a training store their state, one file per phase, every `every` steps."""
 
     folder: Path
     identity: Identity
@@ -171,12 +162,8 @@ class Checkpoints:
         given. Raises StillwakeError if a file cannot be written."""
         import torch
 
-        body = {
-            "schema": _SCHEMA,
-            "settings": self.identity.settings,
-            "dataset_sha256": self.identity.dataset_sha256,
-            "state": dict(state),
-        }
+        own = self.identity
+        body = {"schema": _SCHEMA, "settings": own.settings, "dataset_sha256": own.dataset_sha256, "state": dict(state)}
         # The file is built in memory first, because torch gives no clear error when a disk is full.
         image = io.BytesIO()
         torch.save(body, image)

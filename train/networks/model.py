@@ -176,14 +176,8 @@ def joint_loss(model: WakeModel, batch: Batch, config: TrainConfig) -> dict[str,
         + config.variance_weight * variance
         + config.covariance_weight * covariance
     )
-    return {
-        "total": total,
-        "prediction": prediction,
-        "force": force,
-        "decode": decode,
-        "variance": variance,
-        "covariance": covariance,
-    }
+    losses = {"total": total, "prediction": prediction, "force": force, "decode": decode}
+    return {**losses, "variance": variance, "covariance": covariance}
 
 
 def prediction_loss(predicted: Tensor, target: Tensor) -> Tensor:

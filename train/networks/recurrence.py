@@ -81,7 +81,7 @@ class _Recurrence(torch.autograd.Function):
 
 def _forward(projected: Tensor, weight: Tensor, window: int, *, keep: bool) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Return gates (L, 4H, N), cells (L + 1, H, N), hidden states (L + 1, H, N) and tanh(c) (L, H, N) of every step for
-    N = W S windows. If `keep` is False, return only the last step's values; their first axis is 1."""
+    N = W S windows, or only the last step's values if `keep` is False."""
     (gate_rows, rows, count), width = projected.shape, weight.shape[1]
     size = (rows - window + 1) * count
     flat = projected.reshape(gate_rows, rows * count)

@@ -1,11 +1,8 @@
-"""The recorded episodes as standardised rows.
+"""The recorded episodes as standardised rows, and batches of contiguous rows for training.
 
 Row k of an episode is the encoder's input at t_k: (Cp_k, a_{k-1}), one column per sensor and one for the action. Each
 row also has the forces (Cd_k, Cl_k), and the input of the dynamics: a_k, the action commanded at t_k. A window that
-ends at k consists of rows k-L+1 .. k; it never crosses an episode's boundary. The scaling is fitted to training
-episodes and, if used, their mirror images.
-
-Batches for training are contiguous segments of rows, chosen randomly from seed and step.
+ends at k consists of rows k-L+1 .. k; it never crosses an episode's boundary.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,8 +25,8 @@ def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Sc
     mirror images.
 
     The mirror image (y -> -y) permutes the sensors and changes the signs of action and lift. So the statistics with
-    mirror images are symmetric, and mirroring commutes with scaling. Without mirror images, Cl may have a nonzero mean.
-    The action is only divided by its rms. Raises DatasetError if a sensor, the action or a force is constant.
+    mirror images are symmetric, and mirroring commutes with scaling. The action is only divided by its rms. Raises
+    DatasetError if a sensor, the action or a force is constant.
     """
     pressure = np.concatenate([episode.series["Cp"] for episode in episodes])
     action = np.concatenate([episode.series["action"] for episode in episodes])
@@ -64,13 +61,10 @@ class Rows:
     """The standardised episodes, one after the other, in single precision: n rows and N sensors.
 
     Attributes:
-        inputs: (n, N + 1) encoder rows.
-        actions: (n,) a_k.
-        forces: (n, 2) Cd, Cl.
-        lengths: number of rows of each episode, in order; the sum is n.
+        inputs, actions, forces: (n, N + 1) encoder rows, (n,) a_k, and (n, 2) Cd and Cl.
+        lengths, names: number of rows and name of each episode, in order; the sum of the numbers is n.
         unit: (N,) rms of all sensors' standard deviations (paper, appendix B), divided by the sensor's deviation.
         layout: layout of the sensors, in the order of their columns.
-        names: name of each episode, in order.
     """
 
     inputs: Tensor
@@ -88,9 +82,8 @@ class Rows:
 
     def to(self, device: torch.device) -> "Rows":
         """Return the rows in the memory of `device`."""
-        return replace(
-            self, **{name: getattr(self, name).to(device) for name in ("inputs", "actions", "forces", "unit")}
-        )
+        moved = {name: getattr(self, name).to(device) for name in ("inputs", "actions", "forces", "unit")}
+        return replace(self, **moved)
 
     def spans(self) -> Iterator[slice]:
         """Yield the rows of each episode, as slices."""
@@ -111,12 +104,8 @@ class Rows:
     def with_sensors(self, chosen: Index) -> "Rows":
         """Return the rows with the columns of the chosen sensors, in the given order, and the action."""
         columns = torch.as_tensor(np.append(chosen, self.sensors), device=self.inputs.device)
-        return replace(
-            self,
-            inputs=self.inputs[:, columns],
-            unit=self.unit[columns[:-1]],
-            layout=self.layout.only(chosen),
-        )
+        unit, layout = self.unit[columns[:-1]], self.layout.only(chosen)
+        return replace(self, inputs=self.inputs[:, columns], unit=unit, layout=layout)
 
     def noise(self, level: float) -> Tensor:
         """Return the standard deviations (N,) of noise in the sensors' columns. `level` is the noise's deviation,
@@ -178,12 +167,11 @@ class Batch:
 class SegmentSampler:
     """A source of batches of contiguous segments. The batch of a step depends only on the seed and the step. A sample
     is a window and the `ahead` windows that follow it. Segments hold `segment` consecutive samples, so one segment has
-    W = segment + ahead windows. Each pass covers every episode with segments from a random offset, in random order."""
+    W = segment + ahead windows. Each pass covers every episode with segments from a random offset, in random order.
+    Raises DatasetError if an episode is too short for one segment."""
 
     def __init__(self, rows: Rows, *, window: int, ahead: int, segment: int, batch_size: int, seed: int) -> None:
-        """Prepare the sampler. Raises DatasetError if an episode is too short for one segment."""
-        self.rows = rows
-        self.segment = segment
+        self.rows, self.segment = rows, segment
         self._window, self._windows, self._seed = window, segment + ahead, seed
         needed = window - 1 + self._windows
         for number, length in enumerate(rows.lengths):
@@ -211,7 +199,6 @@ class SegmentSampler:
         return order[wanted % len(order)]
 
     def batch(self, step: int) -> Batch:
-        """Return the batch of a step."""
         rows = self.rows
         first = torch.as_tensor(self.first_rows(step), device=rows.inputs.device)[:, None]
         span = first + torch.arange(self._window - 1 + self._windows, device=first.device)
@@ -231,8 +218,7 @@ class SegmentSampler:
 
 
 def add_sensor_noise(batch: Batch, deviation: Tensor) -> Batch:
-    """Add white noise with standard deviations (N,) to the N sensors of a batch, from torch's generator; a deviation of
-    zero adds no noise."""
+    """Add white noise with standard deviations (N,) to the N sensors of a batch, from torch's generator."""
     if not bool(deviation.any()):
         return batch
     noise = torch.randn(*batch.inputs.shape[:2], len(deviation), device=batch.inputs.device) * deviation

@@ -94,11 +94,8 @@ def run(
 
 
 def fit(found: Sequence[tuple[Array, Array]], pairs: int, *, seed: int) -> tuple[Array, float]:
-    """Fit the weights of the estimate's terms to the results of `run` for all runs, by ridge regression.
-
-    Returns:
-        The weights, and the rms error of the estimate in these runs.
-    """
+    """Fit the weights of the estimate's terms to the results of `run` for all runs, by ridge regression. Returns the
+    weights, and the rms error of the estimate in these runs."""
     rng, equations, wanted = np.random.default_rng(seed), list[Array](), list[Array]()
     for seen, logarithm in found:
         means = _running_means(seen)[FIRST_PERIOD::EVERY]
@@ -120,7 +117,6 @@ def fit(found: Sequence[tuple[Array, Array]], pairs: int, *, seed: int) -> tuple
 
 
 def _running_means(values: Array) -> Array:
-    """Return the means (n, F) that the ECU has after each of n periods under control."""
     means = values.copy()
     for k in range(1, len(values)):
         means[k] = means[k - 1] + (values[k] - means[k - 1]) / min(k + 1, MEAN_PERIODS)

@@ -1,11 +1,9 @@
 """The feedback controller that becomes the prior of the plan. It computes the next action from a memory of rows. A row
-has the differences and the sums of the sensor pairs, and the action. In the mirror image of the flow, the action has
-the opposite sign.
-
-Fixed filters reduce the memory. The newest rows are used one by one. Older rows are used as weighted means, whose
-triangular weights widen with age. The trained part is a layer of tanh units on the filtered differences and actions.
-The layer is scheduled by the vehicle's speed, the goal (`contract.controller.goal`) and the filtered sums of the sensor
-pairs. The vehicle's program applies the same filters (`export.program.weights.PriorWeights`).
+has the differences and the sums of the sensor pairs, and the action. Fixed filters reduce the memory: the newest rows
+are used one by one, older rows as weighted means, whose triangular weights widen with age. The trained part is a layer
+of tanh units on the filtered differences and actions, scheduled by the vehicle's speed, the goal
+(`contract.controller.goal`) and the filtered sums. The vehicle's program applies the same filters
+(`export.program.weights.PriorWeights`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,8 +21,7 @@ NEWEST: Final = 10
 BUMPS: Final = 10
 """Number of weighted means of older rows."""
 FIRST_PAIR, OTHER_PAIRS = 1.7, 0.56
-"""Scales of the Cp differences, for the first pair and for the other pairs. The unit is the standard deviation of the
-recorded Cp at one sensor of the pair."""
+"""Scales of the Cp differences, for the first pair and the others, in standard deviations of the recorded Cp."""
 ACTION: Final = 2.0 / 3.0
 """Scale of the action, as a fraction of the action limit."""
 SUM: Final = 0.3
@@ -33,15 +30,14 @@ differ by 0.4, for the truck and also for a square cylinder."""
 
 
 def scales_of(deviations: Sequence[float], limit: float) -> tuple[float, ...]:
-    """Return a scale for each column of a row: p differences, then the action. `deviations` (p,) are standard
-    deviations of the recorded Cp at one sensor of each pair; `limit` is the bound on |a|."""
+    """Return a scale for each column of a row: p differences, then the action. `deviations` (p,) are those of the
+    recorded Cp at one sensor of each pair; `limit` is the bound on |a|."""
     first, *others = deviations
     return (FIRST_PAIR * first, *(OTHER_PAIRS * one for one in others), ACTION * limit)
 
 
 def filters(memory: int) -> Tensor:
-    """Return the filter weights, (M rows, number of filters), oldest row first. If the memory is short, each row has
-    its own filter."""
+    """Return the filter weights, (M rows, number of filters), oldest row first."""
     age = np.arange(memory)[::-1]
     is_long = memory > NEWEST + BUMPS
     columns = [(age == row).astype(np.float64) for row in range(NEWEST if is_long else memory)]
@@ -107,8 +103,7 @@ class Feedback(nn.Module):
         return action
 
     def features(self, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """Filter and scale rows (..., M, 2 p + 1). Returns the differences with the actions, and the sums; each result
-        is flattened to (..., inputs)."""
+        """Filter and scale rows (..., M, 2 p + 1). Returns differences with actions, and sums, each (..., inputs)."""
         pairs = self.pairs
         odd = torch.cat([rows[..., :pairs], rows[..., -1:]], dim=-1) / self._scales
         even = (rows[..., pairs:-1] - self.middles) / SUM

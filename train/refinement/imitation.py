@@ -5,9 +5,9 @@ loop at speeds at which it is good. The learner's scheduled weights for speeds b
 fitted to the teachers' actions. These weights are multiplied by the distance from the design speed, so the learner does
 not change at the design speed.
 
-One input of a prior is the speed. A vehicle knows its speed over the ground, but not the wind, so this input may be
-wrong. A learner can correct the error, because the pressures depend on the true speed. It learns with right and wrong
-speeds; its teachers receive the true speed.
+A vehicle knows its speed over the ground, but not the wind, so the speed that a prior reads may be wrong. A learner can
+correct the error, because the pressures depend on the true speed. It learns with right and wrong speeds; its teachers
+receive the true speed.
 """
 
 from collections.abc import Sequence
@@ -40,14 +40,9 @@ RIGHT: Final = 10.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Watched:
-    """A closed loop of n control periods.
-
-    Attributes:
-        rows: (n, 2 p + 1) differences and sums of the sensor pairs in Cp, made dimensionless with the true speed, and
-            the action that starts in the period, in units of the design speed.
-        speeds: (n,) true speeds in units of the design speed.
-        Cd: (n,) drag coefficients at the ends of the periods.
-    """
+    """A closed loop of n control periods. Rows (n, 2 p + 1) have differences and sums of the sensor pairs in Cp, made
+    dimensionless with the true speed, and the action that starts in the period. Actions and the true `speeds` (n,) are
+    in units of the design speed. `Cd` (n,) are drag coefficients at the ends of the periods."""
 
     rows: Tensor
     speeds: Array
@@ -56,14 +51,9 @@ class Watched:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Demonstration:
-    """A prior's inputs in n control periods, and the actions that it should learn.
-
-    Attributes:
-        rows: (n, M, 2 p + 1) rows, in units of the told speed.
-        speeds: (n,) told speeds in units of the design speed.
-        actions: (n,) actions in units of the told speed.
-        weight: weight of a period in the fit.
-    """
+    """A prior's inputs in n control periods, and the actions (n,) that it should learn. Rows (n, M, 2 p + 1) and
+    actions are in units of the told speed; the told `speeds` (n,) are in units of the design speed. `weight` is the
+    weight of a period in the fit."""
 
     rows: Tensor
     speeds: Array
@@ -74,15 +64,9 @@ class Demonstration:
 def watch(
     flow: DifferentiableFlow, feedback: Feedback, start: FlowState, speeds: Array, goal: Goal, *, told: Array
 ) -> Watched:
-    """Run a feedback in closed loop. The run begins with a wake without jets at the design speed.
-
-    Args:
-        speeds: (n + 1,) true speeds at the samples of n periods, in units of the design speed; the first is 1.
-        told: (n,) speed that the feedback is told, divided by the true speed.
-
-    Raises:
-        PlantError: the flow diverged.
-    """
+    """Run a feedback in closed loop from a wake without jets at the design speed. `speeds` (n + 1,) are the true speeds
+    at the samples of n periods, in units of the design speed; the first is 1. `told` (n,) is the speed that the
+    feedback is told, divided by the true speed. Raises PlantError if the flow diverged."""
     stream = Stream.begun(start, feedback, min(SLOWEST, float((speeds[:-1] * told).min())))
     stream.goal = goal
     rows, Cd = list[Array](), list[float]()
@@ -109,12 +93,8 @@ def demonstration(
     run: Watched, expert: Feedback, goal: Goal, *, told: Array, expert_told: float = 1.0
 ) -> Demonstration:
     """Return an expert's actions in the states of a run, as a demonstration for a prior that may be told another speed.
-    The first periods are left out, because they have too few earlier rows.
-
-    Args:
-        told: (n,) speed that the prior is told, divided by the true speed.
-        expert_told: speed that the expert is told, divided by the true speed.
-    """
+    `told` (n,) and `expert_told` are the speeds that prior and expert are told, divided by the true speed. The first
+    periods are left out, because they have too few earlier rows."""
     limit = goal.share_of_limit() * expert.limit
     prior_reads, expert_reads = (rows_as_told(run, ratio, expert.memory) for ratio in (told, np.array([expert_told])))
     both = min(len(prior_reads), len(expert_reads))
@@ -145,17 +125,9 @@ def rows_as_told(run: Watched, told: Array, memory: int) -> list[tuple[Tensor, f
 
 
 def imitate(feedback: Feedback, given: Sequence[Demonstration], goal: Goal, *, faster: bool) -> tuple[float, float]:
-    """Fit the feedback's scheduled weights for speeds above or below the design speed to demonstrations.
-
-    Args:
-        feedback: changed in place.
-        given: demonstrations; only periods whose told speed is on the fitted side are used.
-        goal: goal of the demonstrations.
-        faster: whether the weights for speeds above the design speed are fitted.
-
-    Returns:
-        The weighted rms error of the action, and the rms of the action, both divided by the release's action limit.
-    """
+    """Fit the feedback's scheduled weights for speeds above (`faster`) or below the design speed, in place, to
+    demonstrations of a goal. Only periods whose told speed is on the fitted side are used. Returns the weighted rms
+    error of the action, and the rms of the action, both divided by the release's action limit."""
     place = SPEED_PLACES[faster]
     speeds = np.concatenate([one.speeds for one in given])
     side = (speeds > 1.0) == faster

@@ -70,11 +70,9 @@ def refine_model(
         resume: whether an interrupted run is continued; if False, the run starts over.
         begins_with: hashes of the initial model and flow, by name; a run with other hashes is not continued.
 
-    Raises:
-        ConfigError: the interrupted run has other settings or another initial model or flow, or a price is too high.
-        DatasetError: the model was fitted to another recording, or the sensors are not pairs of mirror images.
-        PlantError: the flow diverged.
-        StillwakeError: a file cannot be written.
+    Raises ConfigError if the interrupted run has other settings or another initial model or flow, or a price is too
+    high; DatasetError if the model was fitted to another recording, or the sensors are not pairs of mirror images;
+    PlantError if the flow diverged; StillwakeError if a file cannot be written.
     """
     check_pairs(model.layout, sensors)
     check_prices(config.refine)
@@ -101,10 +99,8 @@ def refine_model(
             progress=progress,
             checkpoints=checkpoints,
         )
-        prior: dict[str, Array] = {
-            **refined.feedback.as_prior(),
-            "predictor": predictor(refined.stretches, settings.refine.memory),
-        }
+        prior = refined.feedback.as_prior()
+        prior["predictor"] = predictor(refined.stretches, settings.refine.memory)
         resting = resting_by_speed(plant, starts[0], settings, progress)
         if resting is not None:
             prior[RESTING] = resting
@@ -148,8 +144,7 @@ def air_speed_of(
     for number in range(air_speed.RUNS):
         found.append(air_speed.run(flow, feedback, starts, settings.refine, goal, seed=seed, number=number))
         progress(Phase.AIR_SPEED, len(found), air_speed.RUNS, {})
-    weights, _ = air_speed.fit(found, feedback.pairs, seed=seed)
-    return weights
+    return air_speed.fit(found, feedback.pairs, seed=seed)[0]
 
 
 def _begun(
@@ -158,11 +153,10 @@ def _begun(
     """Return the initial feedback: the model's prior if its sizes are suitable, otherwise a feedback with actions 0."""
     size = settings.refine
     made = Feedback(size.memory, size.units, scales, middles, settings.flow.action_limit, settings.train.seed)
-    if prior is None or "filters" not in prior:
-        return made
-    same = np.array_equal(prior["filters"], made.as_prior()["filters"]) and prior["first"].shape[-1] == len(scales)
-    if same and len(prior["output"]) <= size.units:
-        made.begin_with(prior)
+    if prior is not None and "filters" in prior and len(prior["output"]) <= size.units:
+        filters = made.as_prior()["filters"]
+        if np.array_equal(prior["filters"], filters) and prior["first"].shape[-1] == len(scales):
+            made.begin_with(prior)
     return made
 
 

@@ -2,9 +2,9 @@
 
 A stream is a flow under the feedback; a stretch is an interval of a stream. Each update uses the next stretches of
 several streams. A stretch is about as long as the flow takes from the jets to the end of the recirculation bubble and
-back. The gradient of a stretch is exact. The cost of motion in the far wake represents the effects after the stretch.
-Streams begin in the developed wake and restart after some stretches, at different times, so that the training always
-includes both the transient from the developed wake and the controlled wake.
+back. The cost of motion in the far wake represents the effects after the stretch. Streams begin in the developed wake
+and restart after some stretches, at different times, so that the training always includes both the transient from the
+developed wake and the controlled wake.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -31,8 +31,7 @@ from train.refinement.windows import Price, Stream, Stretch, StretchReadings, Ta
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Done:
-    """A finished stretch: the stream after it, and the gradients with respect to the feedback's parameters, in the
-    parameters' order."""
+    """A finished stretch: the stream after it, and the gradients, in the order of the feedback's parameters."""
 
     number: int
     stream: Stream
@@ -80,15 +79,13 @@ MEAN_OVER: Final = 30
 """Time constant, in updates, of the exponential mean of the weights: after this time an update has the share 1 / e."""
 KEEP_EVERY: Final = 5
 SPEED_CHANGE: Final = 0.25
-"""Change of speed in a stretch, as a fraction of the distance to a randomly drawn speed. The speed changes in a random
-half of the stretches."""
+"""Change of speed in a stretch, as a fraction of the distance to a drawn speed, in a random half of them."""
 AT_DESIGN: Final = 3
 """Every n-th stream (n is this value) stays at the design speed, because a release is tested first at this speed."""
 GOAL_OVER: Final = 3
 """Number of stretches after which a stream gets a new goal; the wake takes about one stretch to respond."""
 SOUND: Final = 0.5
-"""Probability of each of three independent events: a stretch has the true speed, a stretch loses no frames, and a part
-of the goal is as configured."""
+"""Probability of three independent events: true speed in a stretch, no lost frame, a part of the goal as configured."""
 LAST_ROWS: Final = 20_000
 """Number of the newest control periods to which the predictor of differences is fitted."""
 NEAR_DESIGN: Final = 0.1
@@ -100,14 +97,9 @@ for speeds from 0.6 to 1.4 had an error of 0.063 in Cp over eight steps; a predi
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Refined:
-    """The result of the refinement.
-
-    Attributes:
-        feedback: feedback with averaged weights.
-        stretches: an array (n, p + 1) for each of the newest stretches near the design speed, or at any speed if none
-            is near. Each of n control periods has a row: p pressure differences and the action.
-        periods: number of control periods that the plant simulated.
-    """
+    """The feedback with averaged weights, and the number of control periods that the plant simulated. `stretches` has
+    an array (n, p + 1) for each of the newest stretches near the design speed, or at any speed if none is near. Each of
+    n control periods has a row: p pressure differences and the action."""
 
     feedback: Feedback
     stretches: tuple[Array, ...]
@@ -148,7 +140,6 @@ _LEARNED: Final = ("feedback", "mean", "optimiser")
 
 
 def _stored(stream: Stream) -> dict[str, Any]:
-    """Return a stream as tensors and plain values, for a checkpoint."""
     fields = {**vars(stream), **vars(stream.state), "goal": tuple(stream.goal)}
     del fields["state"]
     return {name: torch.from_numpy(value) if isinstance(value, np.ndarray) else value for name, value in fields.items()}
@@ -177,12 +168,10 @@ def refine(
     """Train the feedback, or continue an interrupted training. Raises PlantError if the flow diverged or a stretch is
     too long for the tape's memory; StillwakeError if a checkpoint is damaged or cannot be written.
 
-    Args:
-        make: function that returns the initial feedback.
-        starts: developed wakes without jets, one for each stream.
-        deviations: (2 p,) standard deviation of Cp at each sensor of p pairs, which is the unit of the sensor's noise.
-        side_by_side: function that runs an update's stretches in parallel; if None, they run in turn on `flow`.
-        seed: random seed of noise and starts. An update's draws depend only on the seed and the update's number.
+    `make` returns the initial feedback. `starts` are developed wakes without jets, one for each stream. `deviations` (2
+    p,) are the standard deviations of Cp at the sensors of p pairs, the units of the sensors' noise. `side_by_side`
+    runs an update's stretches in parallel; if None, they run in turn on `flow`. An update's random draws depend only on
+    the seed and the update's number.
     """
     feedback, mean = make(), make()
     run = _Training(
@@ -193,14 +182,10 @@ def refine(
     )
     if checkpoints is not None and (tree := checkpoints.load(Phase.REFINE)):
         run.take(tree)
-    if side_by_side is None:
-
-        def side_by_side(tasks: Sequence[Task]) -> list[Done]:
-            return [done(task, flow) for task in tasks]
-
     while run.done < settings.updates:
         tasks = _tasks(run, starts, settings, deviations, np.random.default_rng([seed, run.done]))
-        _update(run, side_by_side(tasks), settings, progress)
+        finished = [done(task, flow) for task in tasks] if side_by_side is None else side_by_side(tasks)
+        _update(run, finished, settings, progress)
         if checkpoints is not None and (run.done % KEEP_EVERY == 0 or run.done == settings.updates):
             reached = Reached(phase=Phase.REFINE, step=run.done, total=settings.updates)
             checkpoints.save(Phase.REFINE, run.as_tree(), reached)
@@ -210,7 +195,6 @@ def refine(
 def _tasks(
     run: _Training, starts: Sequence[FlowState], settings: RefineConfig, deviations: Array, rng: np.random.Generator
 ) -> list[Task]:
-    """Prepare the stretches of the next update, and restart streams that have run long enough."""
     course = run.done / settings.updates
     at_design = settings.shortest + (settings.longest - settings.shortest) * min(1.0, 2.0 * course)
     tasks = []
@@ -225,8 +209,7 @@ def _tasks(
         effort, lift = stream.goal.prices()
         is_fixed = settings.slowest == settings.fastest or number % AT_DESIGN == 0
         speed = 1.0 if is_fixed else _next_speed(stream, settings, rng)
-        # The jets' effect takes the same number of convective times at every speed, so a stretch at a higher speed has
-        # fewer periods.
+        # The jets' effect takes the same number of convective times, and so fewer periods at a higher speed.
         periods = round(2.0 * at_design / (stream.speed + speed))
         speeds = np.linspace(stream.speed, speed, periods + 1)
         tasks.append(
@@ -244,7 +227,6 @@ def _tasks(
 
 
 def _next_goal(settings: RefineConfig, rng: np.random.Generator) -> Goal:
-    """Return the configured goal or, if goals are trained, a goal with some parts drawn from the whole range."""
     own = Goal.of(CostWeights(lift=settings.lift_price, effort=settings.effort_price))
     drawn, others = rng.random(len(own)), rng.random(len(own)) > SOUND
     return Goal(*np.where(others, drawn, own).tolist()) if settings.goals else own
@@ -268,8 +250,7 @@ def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.
 
 
 def _next_speed(stream: Stream, settings: RefineConfig, rng: np.random.Generator) -> float:
-    """Return the speed at a stretch's end. In a stream's first stretch, it is a random speed. In later stretches, the
-    speed stays, or changes by `SPEED_CHANGE` of the distance to a random speed."""
+    """Return the speed at a stretch's end; in a stream's first stretch, it is a random speed."""
     # A random speed outside the range is limited to the range, so that the ends of the range are frequent.
     beyond = 0.3 * (settings.fastest - settings.slowest)
     anywhere = rng.uniform(settings.slowest - beyond, settings.fastest + beyond)

@@ -24,8 +24,7 @@ ROUNDED: Final = 0.05
 @dataclass(frozen=True, kw_only=True)
 class Price:
     """The weights of the cost of a period, `Cd + lift * |Cl| + motion * Uy^2 + effort * a^2`. |Cl| is smoothed within
-    `ROUNDED`. Uy, the transverse velocity at the wake probe, indicates drag after the stretch. a is the action in
-    force."""
+    `ROUNDED`. Uy, the transverse velocity at the wake probe, indicates later drag. a is the action in force."""
 
     lift: float
     motion: float
@@ -34,14 +33,10 @@ class Price:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StretchReadings:
-    """The errors of the values that the feedback receives in a stretch of n periods, with p pairs of sensors.
-
-    Attributes:
-        noise: (n, 2 p), added to the sensors' Cp; columns 2 k and 2 k + 1 are for the two mirrored sensors of pair k.
-        told: (n,) speed that the feedback receives, divided by the flow's speed.
-        lost: (n,) whether a period's pressures are lost; the last pressures then replace them, and the command does not
-            change.
-    """
+    """The errors of the values that the feedback receives in a stretch of n periods, with p pairs of sensors. `noise`
+    (n, 2 p) is added to the sensors' Cp, pair by pair. `told` (n,) is the speed that the feedback receives, divided by
+    the flow's speed. If a period's pressures are `lost` (n,), the last pressures replace them, and the command does not
+    change."""
 
     noise: Array
     told: Array
@@ -55,16 +50,14 @@ class StretchReadings:
 
 @dataclass(kw_only=True, eq=False)
 class Stream:
-    """A flow that the feedback controls over several stretches (intervals). Speeds and `committed` are in units of the
-    design speed.
+    """A flow that the feedback controls over several stretches (intervals). Speeds and `committed`, the action of the
+    next period, are in units of the design speed.
 
     Attributes:
         rows: (n, 2 p + 1), oldest first. A row has p differences and p sums of the sensor pairs, and the action that
             started in the period. The last row is of the sample before the present sample. n is the feedback's memory
             M, or larger if the speed may be below the design speed, because rows are then resampled.
-        speeds: (n,) speeds that the feedback received with these rows.
-        speed: present speed of the flow.
-        committed: the action of the next period.
+        speeds, speed: (n,) speeds that the feedback received with these rows; present speed of the flow.
         stretches: number of stretches that the stream has run.
     """
 
@@ -99,13 +92,8 @@ class Stretch:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Task:
-    """A stretch of n periods to be run.
-
-    Attributes:
-        speeds: (n + 1,) the flow's speeds at the samples, as ratios to the design speed.
-        action_limit: limit of the jets at every speed, in units of the design speed.
-        number: number of the stream.
-    """
+    """A stretch of n periods to be run in the stream with this number. `speeds` (n + 1,) are the flow's speeds at the
+    samples, and `action_limit` is the limit of the jets at every speed; both are in units of the design speed."""
 
     feedback: Feedback
     stream: Stream
@@ -124,7 +112,6 @@ def differentiate(flow: DifferentiableFlow, task: Task) -> Stretch:
     run = closed_loop(flow, task.feedback, task.stream, readings, speeds=speeds, action_limit=task.action_limit)
     _go_back(flow, run, task.price, readings.told)
     past = speeds[:-1].tolist()
-    # The number of resampled rows depends on the speeds.
     count = len(places(past, len(past) * ceil(max(past))).newer)
     return Stretch(
         Cd=float(np.mean([one.Cd for one in run.seen[1:]])),
@@ -137,17 +124,10 @@ def differentiate(flow: DifferentiableFlow, task: Task) -> Stretch:
 
 @dataclass(kw_only=True, eq=False)
 class ClosedLoop:
-    """The values of a stretch of n periods, on torch's graph for gradients.
-
-    Attributes:
-        seen: n + 1 samples.
-        actions: n actions of the jets.
-        leaves: n rows (2 p + 1,) as the feedback received them.
-        commands: n commands.
-        read: an entry for each period whose pressures are not lost: the rows (M, 2 p + 1) and the speed that the
-            feedback read, and the feedback's action. Rows and action are in units of this speed.
-        true_rows: (n, p + 1) differences without errors, and the action.
-    """
+    """The n + 1 samples, n actions and n commands of a stretch of n periods, on torch's graph for gradients. `leaves`
+    are n rows (2 p + 1,) as the feedback received them. `true_rows` (n, p + 1) have differences without errors, and the
+    action. `read` has an entry for each period whose pressures are not lost: the rows (M, 2 p + 1) and the speed that
+    the feedback read, and the feedback's action; rows and action are in units of this speed."""
 
     seen: list[Seen]
     actions: list[float]
@@ -166,11 +146,9 @@ def closed_loop(
     speeds: Array,
     action_limit: float,
 ) -> ClosedLoop:
-    """Run a stretch and advance the stream, without the backward pass. The arguments are fields of `Task`. Raises the
-    errors of `differentiate`."""
+    """Run a stretch and advance the stream, without the backward pass. Raises the errors of `differentiate`."""
     pairs = feedback.pairs
-    rows: list[Tensor] = list(torch.from_numpy(stream.rows[1:]))
-    past = [*stream.speeds[1:].tolist()]
+    rows, past = list(torch.from_numpy(stream.rows[1:])), stream.speeds[1:].tolist()
     leaves, commands, true_rows = list[Tensor](), list[Tensor](), list[list[float]]()
     seen, actions = [flow.begin(stream.state, speeds)], list[float]()
     windows = list[tuple[Tensor, float, Tensor]]()
@@ -222,8 +200,7 @@ def read(rows: Tensor, speeds: Sequence[float], memory: int) -> Tensor:
 
 
 def _followed(rows: Tensor, speeds: Sequence[float]) -> Tensor:
-    """Return the rows with differences and sums filtered as on the vehicle
-    (`contract.controller.resampling.followed`)."""
+    """Filter differences and sums as on the vehicle (`contract.controller.resampling.followed`)."""
     if min(speeds) >= 1.0:
         return rows
     weights = np.zeros((len(rows), len(rows)))
@@ -253,8 +230,6 @@ def _go_back(flow: DifferentiableFlow, run: ClosedLoop, price: Price, told: Arra
             )
         )
         if k > 0:
-            own = leaves[k].grad
-            total = (
-                to_command + 2.0 * price.effort * run.actions[k] / periods + (0.0 if own is None else float(own[-1]))
-            )
+            total, own = to_command + 2.0 * price.effort * run.actions[k] / periods, leaves[k].grad
+            total += 0.0 if own is None else float(own[-1])
             torch.autograd.backward(run.commands[k - 1], torch.tensor(total, dtype=torch.float64))

@@ -1,13 +1,13 @@
 """The selection methods. `select` takes an encoder, rows and a number of sensors, and returns the chosen names.
 
-A ridge student is a ridge regression of the teacher's latents on delayed readings (lags) of a few sensors. It is fitted
-in milliseconds, so it replaces the slim encoder where thousands of choices are compared. The fit uses n windows with
-centred lags X (n, F) and centred latents Z (n, N_z). The student's weights are
+A ridge student is a ridge regression of the teacher's latents on delayed readings (lags) of a few sensors. It replaces
+the slim encoder where thousands of choices are compared. The fit uses n windows with centred lags X (n, F) and centred
+latents Z (n, N_z). The student's weights are
 
     W = (X'X/n + lambda I)^-1 X'Z/n
 
-The student's error is the unexplained fraction of the latents' mean square in other windows. Weights and error need
-only products of lags and latents. These are computed once for all sensors; a choice of sensors uses a small block.
+The student's error is the unexplained fraction of the latents' mean square in other windows. The products of lags and
+latents are computed once for all sensors; a choice of sensors uses a small block.
 """
 
 from collections.abc import Sequence
@@ -31,14 +31,11 @@ from train.selection.shap_ranking import check_count
 
 STRIDE: Final = 4
 """Distance between two lags, in rows: 0.8 t_c. A shedding cycle has about 6 lags, and a window of 32 rows has 8."""
-
 RIDGE: Final = 1e-4
 """Ridge parameter lambda. Inputs have unit variance, so lambda acts like noise of 1 % of a standard deviation."""
-
 FITTED: Final = 4000
 JUDGED: Final = 2000
 """Numbers of windows for fit (`FITTED`) and test (`JUDGED`). A smaller number of windows is split in this ratio."""
-
 _CHUNK = 1024
 
 
@@ -124,7 +121,6 @@ def ridge_student(encoder: Encoder, rows: Rows, seed: int, sensor_noise: float =
 
 
 RANDOM_DRAWS: Final = 64
-"""Number of random sets of sensors that the selection method `random` compares."""
 
 
 def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:
@@ -144,15 +140,13 @@ def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:
     on_base = np.isin(np.arange(len(layout)), layout.base)
     paired = mirror != np.arange(len(layout))
     upper = paired & (y > 0)
-    sides = _sorted(upper & ~on_base, -x)
-    base = _sorted(upper & on_base, -y)
-    pairs = [one for both in zip_longest(sides, base) for one in both if one is not None]
+    both = zip_longest(_sorted(upper & ~on_base, -x), _sorted(upper & on_base, -y))
+    pairs = [one for next_two in both for one in next_two if one is not None]
     chosen = [index for one in pairs for index in (one, int(mirror[one]))]
     return tuple([*chosen, *_sorted(~paired, -x)][:count])
 
 
 def _sorted(wanted: Mask, by: Array) -> list[int]:
-    """Return the columns that are `wanted`, in increasing order of their values in `by`."""
     columns = np.flatnonzero(wanted)
     return [int(column) for column in columns[np.argsort(by[columns], kind="stable")]]
 
@@ -193,8 +187,7 @@ def select_random(
     student: RidgeStudent, count: int, *, draws: int, seed: int, progress: Progress = silent
 ) -> tuple[int, ...]:
     """Return the random choice with the smallest error of the ridge student."""
-    best: tuple[int, ...] = ()
-    least = np.inf
+    best, least = tuple[int, ...](), np.inf
     for number, chosen in enumerate(draw_choices(count, draws, seed, student.sensors)):
         error = student.error(chosen)
         if error < least:

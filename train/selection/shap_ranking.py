@@ -1,6 +1,4 @@
-"""The paper's ranking of the sensors by their influence on the encoder: scores, the set of best sensors, and the set's
-stability over repeated rankings (section 2.3.1 and appendix C).
-"""
+"""The paper's ranking of the sensors by their influence on the encoder (section 2.3.1 and appendix C)."""
 
 import copy
 from collections import Counter
@@ -29,12 +27,7 @@ def check_count(count: int, available: int) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ranking:
-    """The scores of the sensors. Each repeat draws other training windows at random and scores all sensors again.
-
-    Attributes:
-        scores: (repeats, N).
-        names: names of the N sensors, in the order of the scores.
-    """
+    """The scores (repeats, N) of N named sensors. Each repeat draws other training windows."""
 
     scores: Array
     names: tuple[str, ...] = NAMES
@@ -42,8 +35,7 @@ class Ranking:
     @property
     def mean(self) -> Array:
         """Mean of the N sensors' scores over the repeats, (N,)."""
-        mean: Array = self.scores.mean(axis=0)
-        return mean
+        return np.asarray(self.scores.mean(axis=0))
 
     @property
     def std(self) -> Array:
@@ -77,22 +69,19 @@ def _best(scores: Array, count: int) -> Index:
 
 STABILITY_SETS: Final = (2, 4, 6, 8)
 """Sizes of the best sets whose stability over the repeats is reported (paper, appendix C)."""
-
 GIVEN: Final = "given"
 """Name of the method if the caller chose the sensors."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorChoice:
-    """The chosen sensors and the method. For methods other than SHAP, all fields except `method` and `order` are None.
+    """The chosen sensors and the method: "shap.GradientExplainer", another `contract.config.learning.SelectionMethod`,
+    or "given". For methods other than SHAP, all fields except `method` and `order` are None.
 
     Attributes:
-        method: "shap.GradientExplainer", another `contract.config.learning.SelectionMethod`, or "given".
-        repeats: number of repeats of the ranking.
         order: for SHAP the names of all sensors, best first; for the other methods the names of the chosen sensors.
         mean, std: (N,) mean and standard deviation of the N sensors' scores over the repeats.
-        stable: whether the best set is equal in all repeats, by size of the set.
-        differences: `Ranking.differences` by size of the set.
+        stable, differences: `Ranking.is_stable` and `Ranking.differences` by size of the set.
     """
 
     method: str
@@ -120,11 +109,10 @@ class SensorChoice:
 
 
 def rank(encoder: Encoder, rows: Rows, settings: TrainConfig, *, progress: Progress = silent) -> Ranking:
-    """Score the sensors `train.shap_repeats` times with independent draws, and return all scores. Raises DatasetError
-    as `shap_scores` does."""
+    """Score the sensors `train.shap_repeats` times with independent draws. Raises the errors of `shap_scores`."""
     scores = []
     for repeat in range(settings.shap_repeats):
-        # The seeds are derived by a hash, because runs with neighbouring seeds must not share draws.
+        # By hashing, runs with neighbouring seeds share no draws.
         draw = int(np.random.SeedSequence((settings.seed, repeat)).generate_state(1)[0])
         scores.append(shap_scores(encoder, rows, settings, draw))
         progress(Phase.RANK, repeat + 1, settings.shap_repeats, {})
@@ -134,8 +122,7 @@ def rank(encoder: Encoder, rows: Rows, settings: TrainConfig, *, progress: Progr
 def shap_scores(encoder: Encoder, rows: Rows, settings: TrainConfig, seed: int) -> Array:
     """Return scores (N,) of N sensors from windows drawn without replacement; a higher score means a more important
     sensor. Scores are |SHAP| by expected gradients (`shap.GradientExplainer`), summed over the latents and averaged
-    over the explained windows and the window's rows. The action's column is explained too, but left out of the scores.
-    Raises DatasetError for too few windows."""
+    over the explained windows and the window's rows. Raises DatasetError for too few windows."""
     generator = np.random.default_rng(seed)
     background = _draw(rows, encoder.window, settings.shap_background, "background", generator)
     explained = _draw(rows, encoder.window, settings.shap_explained, "explanation", generator)
@@ -146,15 +133,13 @@ def shap_scores(encoder: Encoder, rows: Rows, settings: TrainConfig, seed: int) 
     for packs in (explained[:full].view(-1, _PACK, *explained.shape[1:]), explained[full:][None]):
         if packs.numel():
             total += _magnitude(packed, background, packs, settings.shap_samples, generator)
-    scores: Array = total[: rows.sensors] / (len(explained) * encoder.window)
-    return scores
+    return np.asarray(total[: rows.sensors] / (len(explained) * encoder.window))
 
 
 def _magnitude(
     packed: "_Packed", background: Tensor, packs: Tensor, samples: int, generator: np.random.Generator
 ) -> Array:
-    """Return the sum of |SHAP| over packs, windows, rows and latents, (F,), for packs (P, M, L, F). `samples` is the
-    number of points on the paths from the background to each explained window."""
+    """Return the sum of |SHAP| over packs, windows, rows and latents, (F,), for packs (P, M, L, F)."""
     # shap is imported here, because shap takes longer to load than torch, and no other selection method needs shap.
     import shap
 
@@ -166,30 +151,26 @@ def _magnitude(
         values = explainer.shap_values(packs, nsamples=samples, rseed=int(generator.integers(2**31)))
     finally:
         np.random.set_state(state)
-    magnitude: Array = np.abs(values).sum(axis=(0, 1, 2, 4))
-    return magnitude
+    return np.asarray(np.abs(values).sum(axis=(0, 1, 2, 4)))
 
 
 _PACK = 25
 """Number of windows that are explained together, as one input of shap. For each input, shap loops in Python over all
 samples and outputs, so a pack saves time. The output for a pack is the sum of the windows' latents. A window affects
 only its own latents, so the explanation of the sum contains the explanation of each window."""
-
 _BATCH = 20
 """Number of packs per gradient: 500 windows, which fit into the processor's cache."""
 
 
 class _Packed(nn.Module):
-    """An encoder of B packs of M windows, (B, M, L, F), whose output (B, N_z) is the sum of the latents over each
-    pack."""
+    """An encoder of B packs of M windows, (B, M, L, F), whose output (B, N_z) sums the latents of each pack."""
 
     def __init__(self, encoder: Encoder) -> None:
         super().__init__()
         self.encoder = encoder
 
     def forward(self, packs: Tensor) -> Tensor:
-        # shap selects the evaluation mode, but cuDNN differentiates an LSTM only in training mode. An encoder has no
-        # dropout, so the mode changes no result.
+        # cuDNN differentiates an LSTM only in training mode; an encoder has no dropout, so the mode changes no result.
         self.encoder.train()
         latents: Tensor = self.encoder(packs.flatten(0, 1))
         return latents.view(*packs.shape[:2], -1).sum(dim=1)

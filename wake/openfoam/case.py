@@ -25,7 +25,6 @@ from wake.openfoam.mesh import PATCHES, Mesh
 JETS: Final = ("jetUpper", "jetLower")
 DRIVEN: Final = ("inlet", *JETS)
 """The patches whose velocity changes with time, in the order in which icoFoam updates them."""
-
 BOUNDARY: Final[dict[str, Any]] = {
     "type": "timeVaryingMappedFixedValue",
     "offset": (0, 0, 0),
@@ -36,8 +35,7 @@ BOUNDARY: Final[dict[str, Any]] = {
 }
 
 _NEVER: Final = "1000000"
-# Each instant is later than its step's end by this fraction of a time step, so that rounding cannot place the instant
-# before the end.
+# Each instant is later than its step's end by this fraction of a time step, so that rounding cannot place it before.
 _LATE: Final = 1e-6
 
 
@@ -121,8 +119,7 @@ def sensor_weights(mesh: Mesh) -> Array:
 
 
 def slot_shares(cells: int) -> Array:
-    """Return the fractions of a slot's flow through its equally long faces, (`cells`,). The fractions are exact
-    integrals of the jet's parabolic profile."""
+    """Return the fractions of a slot's flow through its equally long faces, (`cells`,), exact for a parabola."""
     s = np.linspace(0.0, 1.0, cells + 1)
     return np.diff(s**2 * (3.0 - 2.0 * s))
 
@@ -170,7 +167,8 @@ def write_start(folder: Path, velocity: Array, pressure: Array) -> None:
     pressures: dict[str, dict[str, Any]] = {name: {"type": "zeroGradient"} for name in PATCHES}
     pressures |= {"outlet": {"type": "fixedValue", "value": "uniform 0"}, foam_files.PLANES: {"type": "empty"}}
     _write_field(folder, "U", "volVectorField", "[0 1 -1 0 0 0 0]", foam_files.vectors(velocity), speeds)
-    _write_field(folder, "p", "volScalarField", "[0 2 -2 0 0 0 0]", foam_files.scalars(pressure), pressures)
+    numbers = foam_files.numbers([f"{value:.17g}" for value in pressure])
+    _write_field(folder, "p", "volScalarField", "[0 2 -2 0 0 0 0]", numbers, pressures)
 
 
 def write_settings(
@@ -214,8 +212,7 @@ _SOLVERS: Final[dict[str, Any]] = {
 
 
 def _control(mesh: Mesh, end: float, dt: float, steps_per_write: int, steps_per_sample: int) -> dict[str, Any]:
-    # The function objects for forces read executeControl and executeInterval; the function objects for probes read
-    # writeControl and writeInterval. Each object gets all four entries.
+    # The function objects for forces read the entries of `execute`, and those for probes the entries of `write`.
     every_sample = {
         f"{what}{setting}": value
         for what in ("execute", "write")

@@ -1,6 +1,7 @@
 """A writer and a reader of OpenFOAM's files: dictionaries, lists, a plane mesh as `polyMesh`, and icoFoam's fields."""
 
 import re
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -32,24 +33,16 @@ def vectors(xy: Array) -> str:
     return numbers([f"({x:.17g} {y:.17g} 0)" for x, y in xy])
 
 
-def scalars(values: Array) -> str:
-    """Return the text of a list of n numbers, (n,)."""
-    return numbers([f"{value:.17g}" for value in values])
-
-
 def numbers(items: Sequence[str]) -> str:
     """Return the text of a list: its length, then its items."""
     return "\n".join([str(len(items)), "(", *items, ")"])
 
 
 def _entries(entries: Mapping[str, Any], indent: str) -> str:
-    lines = []
-    for key, value in entries.items():
-        if isinstance(value, Mapping):
-            lines.append(block(key, value, indent))
-        else:
-            lines.append(f"{indent}{key} {_value(value)};\n")
-    return "".join(lines)
+    return "".join(
+        block(key, value, indent) if isinstance(value, Mapping) else f"{indent}{key} {_value(value)};\n"
+        for key, value in entries.items()
+    )
 
 
 def _value(value: Any) -> str:
@@ -63,7 +56,6 @@ def _value(value: Any) -> str:
 
 
 PLANES: Final = "planes"
-_PATCH_KINDS: Final = {"truck": "wall"}
 
 
 def write_poly_mesh(mesh: Mesh, folder: Path) -> None:
@@ -77,7 +69,7 @@ def write_poly_mesh(mesh: Mesh, folder: Path) -> None:
     owner = np.concatenate([mesh.owner, *(mesh.patch_cells[name] for name in PATCHES), np.arange(m), np.arange(m)])
     starts = len(mesh.edges) + np.cumsum([0, *sizes])
     entries = [
-        block(name, {"type": _PATCH_KINDS.get(name, "patch"), "nFaces": size, "startFace": start})
+        block(name, {"type": "wall" if name == "truck" else "patch", "nFaces": size, "startFace": start})
         for name, size, start in zip(PATCHES, sizes, starts[:-1], strict=True)
     ]
     entries.append(block(PLANES, {"type": "empty", "nFaces": 2 * m, "startFace": starts[-1]}))
@@ -119,8 +111,7 @@ _VALUES: Final = re.compile(
 
 
 def scaled(content: bytes, factor: float) -> bytes:
-    """Multiply all values of a field by `factor`, in cells and on patches. `content` is the field's binary file with
-    64-bit numbers. Returns the new file."""
+    """Multiply all values of a field by `factor`, in cells and on patches, in its binary file of 64-bit numbers."""
     parts, done = list[bytes](), 0
     while found := _VALUES.search(content, done):
         if found["type"]:
@@ -135,10 +126,30 @@ def scaled(content: bytes, factor: float) -> bytes:
     return b"".join([*parts, content[done:]])
 
 
+FIELDS: Final = ("U", "p", "phi", "U_0", "phi_0")
+"""The files of velocity, pressure and the flux through every face; U_0 and phi_0 are U and phi of the step before."""
+_END: Final = re.compile(rb"\n// \*{60,} //\s*$")
+"""The divider at the end of every file that icoFoam has written completely."""
+
+
 def latest(folder: Path) -> Path | None:
-    """Return the folder of the latest time after 0 for which a pressure is stored; None if there is no such time."""
-    times = [
-        (float(item.name), item) for item in folder.iterdir() if _TIME.fullmatch(item.name) and (item / "p").is_file()
-    ]
-    later = [item for item in times if item[0] > 0]
-    return max(later)[1] if later else None
+    """Return the folder of the latest time after 0 whose `FIELDS` are complete; None if there is no such time."""
+    complete = [time for time in _times_after_0(folder) if _is_complete(time)]
+    return max(complete, key=lambda time: float(time.name), default=None)
+
+
+def remove_incomplete(folder: Path) -> None:
+    """Remove the folders of times after 0 with incomplete `FIELDS`. A killed icoFoam leaves such a folder, and would
+    continue from it."""
+    for time in _times_after_0(folder):
+        if not _is_complete(time):
+            shutil.rmtree(time)
+
+
+def _times_after_0(folder: Path) -> list[Path]:
+    return [item for item in folder.iterdir() if _TIME.fullmatch(item.name) and float(item.name) > 0]
+
+
+def _is_complete(time: Path) -> bool:
+    files = [time / name for name in FIELDS]
+    return all(file.is_file() and _END.search(file.read_bytes()[-200:]) for file in files)

@@ -19,26 +19,20 @@ from contract.arrays import Array
 from contract.errors import PlantError
 from contract.geometry import DOMAIN_X
 from contract.recording.openfoam_tables import read_foam_table
-from wake.openfoam.case import FORCE_OBJECTS, JETS, PRESSURES, PROBE_OBJECT, pressure_points, sensor_weights
+from wake.openfoam.case import FORCE_OBJECTS, PRESSURES, PROBE_OBJECT, pressure_points, sensor_weights
 from wake.openfoam.mesh import Mesh
 from wake.plant.sample import Sample
 from wake.truck.surface import MOMENTUM_FACTOR
 
 _FILES: Final = {**dict.fromkeys(FORCE_OBJECTS.values(), "force.dat"), PRESSURES: "p", PROBE_OBJECT: "U"}
-
 _SAME: Final = 1e-6  # largest difference in t_c between rounded times of one instant
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Readings:
-    """The measurements at one time, read from one line of each function object's file.
-
-    Attributes:
-        forces: kinematic force vectors, (3, 3, 3). The first axis is truck, upper slot, lower slot; the second is
-            total, pressure and viscous force.
-        pressures: kinematic pressures at the probed cells.
-        wake: velocity at the wake probe, (3,).
-    """
+    """The measurements at one time, read from one line of each function object's file: kinematic force vectors (3, 3,
+    3), kinematic pressures at the probed cells, and the velocity at the wake probe (3,). The first axis of the forces
+    is truck, upper slot, lower slot; the second is total, pressure and viscous force."""
 
     forces: Array
     pressures: Array
@@ -60,8 +54,7 @@ class Instruments:
 
     def sample(self, readings: Readings, *, t: float, action: float, acceleration: float = 0.0) -> Sample:
         """Return the sample at time t. `action` is the jet flow rate in force; `acceleration` is the stream's
-        acceleration in U_inf / t_c. Raises PlantError if a reading is not finite, or if the number of readings is not
-        the mesh's number of probes."""
+        acceleration in U_inf / t_c. Raises PlantError if a reading is not finite, or their number is not the mesh's."""
         if readings.pressures.shape != (self._weights.shape[1],):
             raise PlantError(f"{readings.pressures.size} pressures were read for {self._weights.shape[1]} probes")
         readings.require_finite(t)
@@ -85,8 +78,7 @@ class Instruments:
 
 
 def _buoyancy(mesh: Mesh, patch: str) -> float:
-    """Return the force in x that a pressure with gradient -1 and the value 0 at the outlet exerts on a patch. The
-    sum of these forces over all patches of a closed body is the body's area."""
+    """Return the force in x that a pressure with gradient -1 and the value 0 at the outlet exerts on a patch."""
     ends = mesh.points[mesh.patches[patch]]
     # The flow is on the left of an edge, so `facing` is the wall's area in x, positive if the wall faces downstream.
     facing = ends[:, 0, 1] - ends[:, 1, 1]
@@ -117,7 +109,7 @@ class Follower:
         lines = [line for line in whole.splitlines() if not line.startswith(b"#")]
         if not lines:
             raise PlantError(f"{path}: icoFoam has written no new measurement")
-        return _numbers(lines[-1])
+        return np.array(lines[-1].translate(None, b"()").split(), dtype=np.float64)
 
 
 def read_all(folder: Path) -> tuple[Array, list[Readings]]:
@@ -139,10 +131,6 @@ def _series(folder: Path, file: str) -> Array:
     return table.rows
 
 
-def _numbers(line: bytes) -> Array:
-    return np.array(line.translate(None, b"()").split(), dtype=np.float64)
-
-
 def _readings(rows: dict[str, Array]) -> Readings:
-    forces = [rows[name][1:].reshape(3, 3) for name in (FORCE_OBJECTS["truck"], *(FORCE_OBJECTS[jet] for jet in JETS))]
+    forces = [rows[name][1:].reshape(3, 3) for name in FORCE_OBJECTS.values()]
     return Readings(forces=np.array(forces), pressures=rows[PRESSURES][1:], wake=rows[PROBE_OBJECT][1:])

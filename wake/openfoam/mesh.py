@@ -41,12 +41,10 @@ class Mesh:
     """A plane mesh of quadrilaterals with n vertices and m cells. A patch, or the interior, has k edges.
 
     Attributes:
-        points: vertices, (n, 2).
-        cells: vertex indices of each cell counter-clockwise, (m, 4).
+        points, cells: vertices (n, 2), and vertex indices of each cell counter-clockwise (m, 4).
         edges: internal edges as vertex pairs (k, 2), sorted by `owner` and then `neighbour`.
         owner, neighbour: cells to the left and right of each internal edge, (k,); owner < neighbour.
-        patches: edges (k, 2) of each patch, with the flow on their left. `patch_cells` has their cells (k,) in the same
-            order.
+        patches, patch_cells: edges (k, 2) of each patch, with the flow on their left, and their cells (k,).
     """
 
     points: Array
@@ -90,25 +88,21 @@ def truck_mesh(refinement: float = 1.0) -> Mesh:
     cells = np.vstack([_quads(ring), _quads(tail)])
     cells = cells[_renumbering(cells, len(points))]
 
-    base = tail[0]
+    base, outer = tail[0], ring[:, -1]
+    at_inlet = np.flatnonzero(np.abs(points[outer, 0] - DOMAIN_X[0]) < 1e-9)
     patches = {
-        "inlet": [],
+        "inlet": [outer[at_inlet[0] : at_inlet[-1] + 1]],
         "outlet": [ring[0], ring[-1], tail[-1]],
-        "sides": [],
+        "sides": [outer[: at_inlet[0] + 1], outer[at_inlet[-1] :]],
         "truck": [ring[body, 0], base[slot_cells : len(base) - slot_cells]],
         "jetUpper": [base[-1 - slot_cells :]],
         "jetLower": [base[: slot_cells + 1]],
     }
-    outer = ring[:, -1]
-    at_inlet = np.flatnonzero(np.abs(points[outer, 0] - DOMAIN_X[0]) < 1e-9)
-    patches["inlet"].append(outer[at_inlet[0] : at_inlet[-1] + 1])
-    patches["sides"] += [outer[: at_inlet[0] + 1], outer[at_inlet[-1] :]]
     return _connect(points, cells, patches)
 
 
 def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
-    """Return the points of the block around the body, (along, away, 2), and the slice of the block's columns at the
-    front and the sides."""
+    """Return the points of the block around the body, (along, away, 2), and the slice of its columns at the body."""
     flat, r = HALF_WIDTH - LEADING_EDGE_RADIUS, LEADING_EDGE_RADIUS
     front = graded_faces(_FRONT, 0.0, flat, refinement)
     # The arc has an even number of cells, so that its middle line ends in the domain's corner.
@@ -123,10 +117,9 @@ def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
     share = (np.maximum(away - _ROUND_UP_TO, 0.0) / (away[-1] - _ROUND_UP_TO)) ** 2
     radius = r + away[None, :] + extra[:, None] * share[None, :]
     upper = [
-        _grid(-away[None, :], front[:, None]),
+        _grid(-away, front[:, None]),
         _grid(r + radius * np.cos(arc)[:, None], flat + radius * np.sin(arc)[:, None])[1:],
-        _grid(side[:, None], HALF_WIDTH + away[None, :])[1:],
-        _grid(wake_x[:, None], HALF_WIDTH + away[None, :])[1:],
+        _grid(np.append(side, wake_x[1:])[:, None], HALF_WIDTH + away)[1:],
     ]
     half = np.concatenate(upper)
     # The first and the last line of the fan are set, bit for bit, to the straight lines next to the fan.
@@ -137,7 +130,6 @@ def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
 
 
 def _across(refinement: float) -> Array:
-    """Return the face positions across the wake from the lower edge of the base to its upper edge."""
     slot = HALF_WIDTH - JET_WIDTH
     middle, edge = (graded_faces(_ACROSS, *span, refinement=refinement) for span in ((0.0, slot), (slot, HALF_WIDTH)))
     half = np.concatenate([middle, edge[1:]])
@@ -149,8 +141,7 @@ def _grid(x: npt.ArrayLike, y: npt.ArrayLike) -> Array:
 
 
 def _quads(block: Index) -> Index:
-    """Return the cells of a structured block of vertices (i, j). The vertices of a cell are counter-clockwise if
-    direction j is to the left of direction i."""
+    """Return the cells of a block of vertices (i, j), counter-clockwise if direction j is to the left of i."""
     corners = (block[:-1, :-1], block[1:, :-1], block[1:, 1:], block[:-1, 1:])
     return np.stack([corner.ravel() for corner in corners], axis=1)
 

@@ -1,9 +1,6 @@
 """The second plant: OpenFOAM's icoFoam solves the flow on a body-fitted mesh. The truck, the jets and the clock are the
-same as in stillwake's own solver.
-
-This plant has the interface of `wake.truck.truck_wake.TruckWake`, with two limits. A run's duration is limited, because
-icoFoam needs all times in advance. States exist only at a control period's end, where icoFoam writes its fields.
-"""
+same as in stillwake's own solver. The interface is that of `wake.truck.truck_wake.TruckWake`, with two limits. A run's
+duration is limited, because icoFoam needs all times in advance. States exist only at a control period's end."""
 
 import shutil
 from dataclasses import replace
@@ -33,33 +30,18 @@ from wake.solver.grid import Grid, truck_grid
 
 
 class OpenFoamWake(NeverCopied, SteppedPlant):
-    """The flow around the truck. Use this class in a `with` statement or call `close`: icoFoam is a child process.
-    Raises PlantError if icoFoam is not installed, does not accept the state, or fails.
-
-    Args:
-        folder: the case to create; an existing case there is removed.
-        config: Reynolds number, control period, time steps per period and action bound.
-        refinement: divisor of every spacing of the mesh; it must equal the state's refinement.
-        duration: longest time that can be run after a `reset`, in t_c.
-
-    Attributes:
-        wind: a function of time that returns by how much the wind exceeds U_inf; None if the wind is steady. States do
-            not hold the wind.
-    """
+    """The flow around the truck, in a new case in `folder`; an existing case there is removed. Use this class in a
+    `with` statement or call `close`: icoFoam is a child process. `refinement` divides every spacing of the mesh; it
+    must equal the state's refinement. `duration` is the longest time that can be run after a `reset`, in t_c. `wind` is
+    as in `TruckWake`. Raises PlantError if icoFoam is not installed, does not accept the state, or fails."""
 
     INSTEAD: ClassVar = "icoFoam is a process; give the plant's state() to another OpenFoamWake"
 
     def __init__(
-        self,
-        folder: Path,
-        state: FoamState,
-        config: FlowConfig | None = None,
-        refinement: float = 1.0,
-        *,
-        duration: float = 200.0,
+        self, folder: Path, state: FoamState, config: FlowConfig, refinement: float, *, duration: float = 200.0
     ) -> None:
         require_installed()
-        self.config = FlowConfig() if config is None else config
+        self.config = config
         self.body, self.layout = TRUCK_BODY, sensors.TRUCK
         self.mesh = truck_mesh(refinement)
         self.grid: Grid = truck_grid()
@@ -121,13 +103,8 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         """Return a state for a later `reset`. Raises PlantError if called in the middle of a control period."""
         if self._substep == self._first:
             return self._state
-        return FoamState(
-            files=read_fields(self._latest()),
-            dt=self.dt,
-            readings=self._readings,
-            action=self._action,
-            substep=self._substep,
-        )
+        files, now = read_fields(self._latest()), self._readings
+        return FoamState(files=files, dt=self.dt, readings=now, action=self._action, substep=self._substep)
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
         """Advance as `wake.truck.truck_wake.TruckWake.advance_to` does. Raises that method's errors, and PlantError if
@@ -165,8 +142,7 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         self.reset(scaled(self.state(), ratio))
 
     def vorticity(self) -> Array:
-        """Return dv/dx - du/dy at the corners of `grid`, as `TruckWake.vorticity` does. Raises PlantError if called in
-        the middle of a control period."""
+        """Return dv/dx - du/dy at the corners of `grid`. Raises PlantError in the middle of a control period."""
         grid = self.grid
         velocity, points = self.state().velocity, np.stack(np.meshgrid(grid.xc, grid.yc, indexing="ij"), axis=-1)
         at_points = LinearNDInterpolator(self._triangles, velocity)(points)
@@ -183,14 +159,12 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
 
     @cached_property
     def _triangles(self) -> Delaunay:
-        """The triangulation of the cells' centres. It is cached, because it takes seconds to compute."""
         return Delaunay(self.mesh.centres)
 
     def pressure(self) -> None:
         """Return None: the pressure is available at the sensors only."""
 
     def _stream(self, substep: int) -> float:
-        """Return the free stream at the end of a time step, in U_inf."""
         return 1.0 if self.wind is None else 1.0 + self.wind(substep * self.dt)
 
     def close(self) -> None:

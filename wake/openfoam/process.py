@@ -4,7 +4,6 @@ The boundary condition of jets and inlet (`wake.openfoam.case`) reads the veloci
 each instant. In the time step after an instant, the condition opens the file of the next instant. Here the end of every
 time step is an instant, and the files are named pipes, one for each patch. So icoFoam waits at the start of each time
 step until it receives the velocities at the step's end. Before it waits, it writes all measurements of the step before.
-So a ramp can start at any time step of a control period, as in stillwake's solver.
 """
 
 import ctypes
@@ -26,7 +25,6 @@ from wake.openfoam.mesh import Mesh
 
 LOG: Final = "log.icoFoam"
 PROGRAM: Final = "icoFoam"
-
 _SHARE: Final = "/usr/share/openfoam"  # folder of the settings of the Debian package
 _GRACE_S: Final = 5.0
 _TAIL: Final = 6  # number of the log's last lines in an error message
@@ -46,13 +44,8 @@ _POLL_S: Final = (2e-4, 5e-3)
 
 class IcoFoam(NeverCopied):
     """A run of icoFoam on a case; its output goes to the case's `log.icoFoam`. A case with pipes (`case.write_pipes`)
-    runs step by step: each call of `send` starts a step. Raises PlantError if icoFoam is not installed.
-
-    Args:
-        mesh: the mesh of a case with pipes.
-        patience_s: longest wait for one time step, in s.
-        command: the program that runs in the case: icoFoam, or another program in tests.
-    """
+    needs its mesh, and runs step by step: each call of `send` starts a step. `patience_s` is the longest wait for one
+    time step, in s; `command` replaces icoFoam in tests. Raises PlantError if icoFoam is not installed."""
 
     INSTEAD: ClassVar = "icoFoam is a process; start another process"
 
@@ -121,8 +114,7 @@ class IcoFoam(NeverCopied):
         return True
 
     def wait_for_step(self) -> None:
-        """Wait until icoFoam has finished its time step and opens the pipes for the next step. Raises PlantError if
-        icoFoam ends or takes too long."""
+        """Wait until icoFoam finishes its step and opens the pipes. Raises PlantError if it ends or takes too long."""
         if self._waiting is None:
             self._waiting = self._open(case.DRIVEN[0])
 

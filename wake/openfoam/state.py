@@ -6,7 +6,7 @@ icoFoam computes the wake without jets only once. The result is stored, and clos
 import json
 import re
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -24,27 +24,19 @@ from wake.openfoam.measurements import Readings, read_all
 from wake.openfoam.mesh import Mesh, truck_mesh
 from wake.openfoam.process import LOG, IcoFoam, require_installed
 from wake.solver.grid import Flow, truck_grid
-from wake.truck.develop import at_points
+from wake.truck.develop import FlowProgress, at_points
 from wake.truck.state import State, developed_state
 
 STATE_SCHEMA: Final = "stillwake-openfoam/1"
-
-# The files of velocity, pressure and the flux through every face; U_0 and phi_0 are U and phi of the step before.
-_FIELDS: Final = ("U", "p", "phi", "U_0", "phi_0")
-_POWERS: Final = dict.fromkeys(_FIELDS, 1) | {"p": 2}
+_POWERS: Final = dict.fromkeys(foam_files.FIELDS, 1) | {"p": 2}
 """The exponent n for each field; the field is proportional to the velocity's n-th power."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FoamState:
-    """The data that determine how a case continues.
-
-    Attributes:
-        files: contents of the case's field files by name.
-        dt: size of the last time step before the state, in t_c; the weights of the time scheme depend on it.
-        action: jet flow rate in force, in U_inf W.
-        substep: number of time steps since t = 0.
-    """
+    """The data that determine how a case continues: the contents of its field files by name, the size of the last time
+    step in t_c (the weights of the time scheme depend on it), the measurements, the jet flow rate in force in U_inf W,
+    and the number of time steps since t = 0."""
 
     files: Mapping[str, bytes]
     dt: float
@@ -64,8 +56,7 @@ class FoamState:
 
 
 def scaled(state: FoamState, ratio: float) -> FoamState:
-    """Return the state of a stream that is `ratio` times as fast. Velocities are multiplied by the ratio, pressures and
-    forces by the square of the ratio."""
+    """Return the state of a stream `ratio` times as fast, with pressures and forces times the ratio's square."""
     readings = state.readings
     square = ratio * ratio
     return replace(
@@ -80,7 +71,7 @@ def scaled(state: FoamState, ratio: float) -> FoamState:
 def read_fields(folder: Path) -> dict[str, bytes]:
     """Read the field files of one time of a case. Raises PlantError if a file is missing."""
     try:
-        return {name: (folder / name).read_bytes() for name in _FIELDS}
+        return {name: (folder / name).read_bytes() for name in foam_files.FIELDS}
     except OSError as error:
         raise PlantError(f"{folder} is not a state of icoFoam ({error})") from error
 
@@ -95,8 +86,7 @@ def put(state: FoamState, folder: Path) -> None:
 
 
 def written(folder: Path, dt: float) -> FoamState:
-    """Read the last state of a case without jets, and set its clock to zero. Raises PlantError if there is no state
-    after t = 0."""
+    """Read the last state of a case without jets, at time zero. Raises PlantError if there is none after t = 0."""
     latest = foam_files.latest(folder)
     if latest is None:
         raise PlantError(f"{folder}: icoFoam has written no state")
@@ -116,15 +106,14 @@ def save(path: Path, state: FoamState, facts: str) -> None:
 
 
 def load(path: Path) -> tuple[FoamState, str]:
-    """Read a state and the line that describes its settings. Raises PlantError if the file is missing or damaged, or
-    has another schema."""
+    """Read a state and the line that describes its settings. Raises PlantError if the file is no such state."""
     try:
         data = read_npz(path)
         about = json.loads(data.text("about"))
         if about["schema"] != STATE_SCHEMA:
             raise PlantError(f"{path} has schema {about['schema']!r}, but this version reads {STATE_SCHEMA!r}")
         state = FoamState(
-            files={name: data[name].tobytes() for name in _FIELDS},
+            files={name: data[name].tobytes() for name in foam_files.FIELDS},
             dt=float(about["dt"]),
             readings=Readings(forces=data["forces"], pressures=data["pressures"], wake=data["wake"]),
             action=float(about["action"]),
@@ -144,8 +133,6 @@ def from_own_solver(state: State, mesh: Mesh) -> tuple[Array, Array]:
     return np.column_stack([at_points(flow, grid, name, at) for name in ("u", "v")]), at_points(flow, grid, "p", at)
 
 
-_Progress = Callable[[float, float], None]
-
 _CHECKPOINT: Final = 5.0  # longest time between two written states, in t_c
 _LOOK_S: Final = 0.5
 
@@ -158,15 +145,16 @@ def require_truck(body: BodyConfig) -> None:
             raise PlantError(f"body.{name} = {value}: must be {truck}, because OpenFOAM's mesh is for the truck")
 
 
-def _settle(folder: Path, mesh: Mesh, config: FlowConfig, foam: OpenFoamConfig, progress: _Progress) -> None:
+def _settle(folder: Path, mesh: Mesh, config: FlowConfig, foam: OpenFoamConfig, progress: FlowProgress) -> None:
     """Run the case in `folder` without jets until `foam.develop_time`, a whole number of control periods. If the case
-    has a checkpoint, continue from the last checkpoint."""
+    has complete checkpoints, continue from the last of them."""
     until, substeps = foam.develop_time, foam.develop_substeps
     if not (folder / "0" / "p").is_file():
         shutil.rmtree(folder, ignore_errors=True)
         case.write_mesh(folder, mesh)
         case.write_rest(folder, mesh)
         case.write_start(folder, *from_own_solver(developed_state(), mesh))
+    foam_files.remove_incomplete(folder)
     latest = foam_files.latest(folder)
     if latest is not None and float(latest.name) > until - 0.5 * config.control_period:
         progress(until, until)
@@ -186,12 +174,11 @@ def _settle(folder: Path, mesh: Mesh, config: FlowConfig, foam: OpenFoamConfig, 
 
 
 def developed(
-    folder: Path, config: FlowConfig, foam: OpenFoamConfig, progress: _Progress = lambda t, total: None
+    folder: Path, config: FlowConfig, foam: OpenFoamConfig, progress: FlowProgress = lambda t, total: None
 ) -> FoamState:
     """Return the developed wake. If `folder/developed.npz` has a wake for these settings, this wake is read. Otherwise
     the wake is computed, in minutes, from the developed wake of stillwake's solver, and stored in this file. If a call
-    is interrupted, the next call continues the computation. Raises PlantError if icoFoam is missing or fails, or if the
-    stored file is damaged."""
+    is interrupted, the next one continues. Raises PlantError if icoFoam is missing or fails, or the file is damaged."""
     require_installed()
     mesh, path = truck_mesh(foam.refinement), folder / "developed.npz"
     facts = f"{len(mesh.cells)} cells, Re {config.reynolds:g}, {foam.develop_time:g} t_c at 1/{foam.develop_substeps}"
@@ -211,11 +198,7 @@ def developed(
 
 
 def _last_time(probe: Path) -> float:
-    """Return the time of the last line of a probe's file; 0 if there is no line."""
     try:
-        with probe.open("rb") as file:
-            file.seek(-min(400, probe.stat().st_size), 2)
-            lines = file.read().splitlines()
-        return float(lines[-1].split()[0])
+        return float(probe.read_bytes().splitlines()[-1].split()[0])
     except (OSError, IndexError, ValueError):
         return 0.0

@@ -1,8 +1,6 @@
-"""The pictures of the flow around the truck or another body, with jets and sensors. Pillow writes animations of these
-pictures as GIF or WebP files.
-"""
+"""The pictures of the flow around a body, with jets and sensors, and their animations as GIF or WebP files."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal, Protocol
 
@@ -34,7 +32,6 @@ Kind = Literal["vorticity", "pressure"]
 VIEW: Final[View] = (-1.5, 20.0, -3.0, 3.0)
 _NEAR_WAKE: Final = (-0.847, 4.353, -1.2, 1.2)
 """Limits in x and y of the near-wake picture, in W; x is measured from the base."""
-
 FIELD_COLOURS: Final = "RdBu_r"
 """Name of the colour map of the field. The map is diverging and symmetric about zero."""
 SENSOR_COLOURS: Final = "viridis"
@@ -42,7 +39,6 @@ BLOWING: Final = "#ff7f0e"
 SUCKING: Final = "#8e44ad"
 SENSOR_RANGE: Final = (-0.9, 0.1)
 """Ends of the colour scale for wall Cp. The Cp of the uncontrolled truck's sensors lies in this range."""
-
 _LEVEL: Final[dict[Kind, float]] = {"vorticity": 4.0, "pressure": 1.0}
 _LABEL: Final[dict[Kind, str]] = {
     "vorticity": r"vorticity  $\omega_z W / U_\infty$",
@@ -54,15 +50,9 @@ PICTURES: Final = (".png", ".pdf", ".svg")
 
 
 class WakePicture:
-    """A figure of fixed size that shows the present state of a plant and can be updated.
-
-    The figure shows a field in colour, the body, arrows for the jets, and the sensors' Cp. The colour scales are fixed.
-
-    Args:
-        kind: field that is drawn in colour: the vorticity, or Cp in the flow.
-        sensor_names: sensors that are coloured by their Cp; None means all. Other sensors are small dots.
-        width: width of the picture in pixels.
-    """
+    """A figure of fixed size, `width` pixels wide, that shows the present state of a plant and can be updated: the
+    vorticity or Cp in colour, the body, arrows for the jets, and the sensors. The sensors of `sensor_names` are
+    coloured by their Cp (None means all); other sensors are small dots. The colour scales are fixed."""
 
     def __init__(
         self, wake: Drawable, kind: Kind = "vorticity", sensor_names: Sequence[str] | None = None, width: int = 1100
@@ -76,7 +66,6 @@ class WakePicture:
         grid, level = wake.grid, _LEVEL[kind]
         nodes = (grid.xf[1:-1], grid.yf[1:-1]) if kind == "vorticity" else (grid.xc, grid.yc)
         self._raster = Raster.of(*nodes, VIEW, width)
-        # In the pressure picture, the flow and the sensors have one colour scale.
         colours, limits = (FIELD_COLOURS, (-level, level)) if kind == "pressure" else (SENSOR_COLOURS, SENSOR_RANGE)
         dots = 4.0 if len(self._chosen) > len(layout) // 2 else 6.0
         self.figure, axes = _figure(10.0, 3.1, width / 10.0, VIEW)
@@ -205,8 +194,7 @@ def outline(body: BodyConfig) -> Array:
 
 def jet_arrow(share: float, side: int, base: float) -> Array:
     """Return the outline of the arrow at the upper (side 1) or lower (side -1) slot of a base at x = `base`, (7, 2).
-    The arrow points away from the base for blowing (share > 0) and towards it for sucking; its length is proportional
-    to |share|."""
+    The arrow points away from the base for blowing (share > 0) and towards it for sucking, by |share|."""
     length, shaft, head = _FULL_JET * abs(share), JET_WIDTH, 2.4 * JET_WIDTH
     neck = max(length - 2.0 * head, 0.5 * length)
     x = np.array([0.0, neck, neck, length, neck, neck, 0.0])
@@ -229,9 +217,6 @@ def _add_body(axes: Axes, body: BodyConfig) -> None:
         axes.plot([body.length, body.length], slot, color=BLOWING, linewidth=2.0, solid_capstyle="butt", zorder=4)
 
 
-Pixels = npt.NDArray[np.uint8]
-_Progress = Callable[[int, int], None]
-
 FASTEST: Final = 50
 """Largest number of frames per second. Many viewers play a GIF slowly if its frames are shorter than 20 ms."""
 _GIF_TICK: Final = 10  # ms, because the format counts in hundredths of a second
@@ -247,7 +232,7 @@ class MovingPicture(Protocol):
     def record(self) -> None:
         """Record the present state; `animate` calls this after every control period from the first frame on."""
 
-    def pixels(self) -> Pixels:
+    def pixels(self) -> npt.NDArray[np.uint8]:
         """Draw the present state as RGB pixels (height, width, 3)."""
 
     def palette(self) -> Array:
@@ -264,28 +249,20 @@ def animate(
     every: int = 1,
     fps: int = 10,
     hold: float = 0.0,
-    progress: _Progress = lambda done, total: None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> int:
-    """Run the plant from its present state to the end of the actions, and write the animation, completely or not at
-    all. Return the number of frames. Raises ConfigError if the file type is not supported or the run has no frame;
-    PlantError if an action exceeds the bound or the flow diverges.
+    """Run the plant from its present state to the end of the actions (n,), in U_inf W, and write the animation as .gif
+    or .webp, completely or not at all. Return the number of frames. Raises ConfigError if the file type is not
+    supported or the run has no frame; PlantError if an action exceeds the bound or the flow diverges.
 
-    Args:
-        path: file to write; its name ends in .gif or .webp.
-        picture: picture of the plant `wake`.
-        actions: commands for n control periods, (n,), in U_inf W.
-        skip: number of control periods before the first frame.
-        every: number of control periods between frames.
-        fps: number of frames per second; a GIF rounds the time of a frame to 10 ms.
-        hold: additional time in s for which the last frame is shown.
-        progress: called with (control periods done, total).
+    The first frame comes after `skip` control periods, and then one every `every` periods. A GIF rounds the time of a
+    frame to 10 ms. The last frame is shown for `hold` more seconds. `progress` is called with (periods done, total).
     """
     check_target(path)
     if not 1 <= fps <= FASTEST:
         raise ConfigError(f"fps = {fps}: must be between 1 and {FASTEST}")
     if every < 1 or not 0 <= skip <= len(actions):
         raise ConfigError(f"every = {every} must be at least 1, skip = {skip} must be between 0 and {len(actions)}")
-    frames = _frames(picture, wake, actions, skip, every, progress)
     is_gif, each = path.suffix.lower() == ".gif", round(1000 / fps)
     if is_gif:
         # All frames have one palette, so that colours neither flicker nor depend on the run.
@@ -294,9 +271,15 @@ def animate(
         each = _GIF_TICK * round(1000 / fps / _GIF_TICK)
     with replacing(path) as temporary:
         images = []
-        for frame in frames:
-            image = Image.fromarray(frame)
-            images.append(image.quantize(palette=palette, dither=Image.Dither.NONE) if is_gif else image)
+        for k in range(len(actions) + 1):
+            if k >= skip:
+                picture.record()
+                if (k - skip) % every == 0:
+                    image = Image.fromarray(picture.pixels())
+                    images.append(image.quantize(palette=palette, dither=Image.Dither.NONE) if is_gif else image)
+            if k < len(actions):
+                wake.advance(float(actions[k]))
+                progress(k + 1, len(actions))
         durations = [each] * (len(images) - 1) + [each + round(1e3 * hold)]
         settings: dict[str, Any] = {"format": "GIF"} if is_gif else {"format": "WEBP", **_WEBP}
         images[0].save(temporary, save_all=True, append_images=images[1:], duration=durations, loop=0, **settings)
@@ -307,16 +290,3 @@ def check_target(path: Path) -> None:
     """Raise ConfigError if the path does not end in .gif or .webp, or is a folder."""
     if path.suffix.lower() not in _SUFFIXES or path.is_dir():
         raise ConfigError(f"{path}: must be a file ending in {' or '.join(_SUFFIXES)}")
-
-
-def _frames(
-    picture: MovingPicture, wake: TruckWake, actions: Array, skip: int, every: int, progress: _Progress
-) -> Iterator[Pixels]:
-    for k in range(len(actions) + 1):
-        if k >= skip:
-            picture.record()
-            if (k - skip) % every == 0:
-                yield picture.pixels()
-        if k < len(actions):
-            wake.advance(float(actions[k]))
-            progress(k + 1, len(actions))

@@ -34,8 +34,7 @@ def mean_flow(
 ) -> Flow:
     """Run the plant from its present state with the actions, one per control period. Return the mean of the flows at
     the ends of all control periods except the first `skip` periods. Wall pressures and wall forces are linear functions
-    of a flow's buffer, so the mean flow gives their means. `progress` is called with (periods done, total). Raises
-    PlantError if no period remains."""
+    of a flow's buffer, so the mean flow gives their means. Raises PlantError if no period remains."""
     if len(actions) <= skip:
         raise PlantError("the mean flow needs at least one control period after the skipped periods")
     mean = Flow.zeros(wake.grid.shape)
@@ -51,8 +50,7 @@ def mean_flow(
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Raster:
     """A linear interpolation from the nodes of a tensor grid to square pixels. The pixels' centres are x (width,) and y
-    (height,), in increasing order. `across` (width, len(nodes_x)) and `up` (height, len(nodes_y)) hold the weights of
-    the nodes for each pixel."""
+    (height,), in increasing order. `across` (width, len(nodes_x)) and `up` (height, len(nodes_y)) are weights."""
 
     x: Array
     y: Array
@@ -83,7 +81,6 @@ def _weights(nodes: Array, at: Array) -> csr_array:
 
 Levels = npt.NDArray[np.int8]
 """A picture in levels, (height, width), with the first row at the top."""
-
 FIELD_LEVEL: Final = 5.0
 """|vorticity| at the ends of the colour scale, in U_inf / W."""
 TOP: Final = 127
@@ -111,8 +108,7 @@ _HALF_HEIGHT: Final = 2.25
 
 
 class LevelPicture:
-    """A picture of a plant's present vorticity. The level is 0 inside the body. `view` has the x and y limits in W;
-    `size` is (width, height) in pixels."""
+    """A picture of a plant's present vorticity. The level is 0 inside the body. `size` is (width, height) in pixels."""
 
     def __init__(self, wake: Drawable) -> None:
         self._wake = wake

@@ -1,9 +1,8 @@
 """The free stream as a function of time: gusts, and the speed of a vehicle from a shipped profile or a user's file.
 
-The unit of speed is U, the speed of the operating point. So at a vehicle speed v the plant's free stream is v / U; its
-viscosity, size and control period do not change. A gust is a head wind that varies in time and is uniform far from the
-body. It is computed as a change of the body's speed through the air (`wake.solver.navier_stokes`), so that pressures
-remain relative to the free stream. Forces and pressures are made dimensionless with U at every speed.
+The unit of speed is U, the speed of the operating point. A gust is a head wind that varies in time and is uniform far
+from the body. It is computed as a change of the body's speed through the air (`wake.solver.navier_stokes`). Forces and
+pressures are made dimensionless with U at every speed.
 """
 
 import csv
@@ -45,7 +44,6 @@ MOST_RATIO: Final = 2.0
 _MOST_ROWS: Final = 100_000
 DESIGN_KM_PER_H: Final = 90.0
 """The speed in the WLTC that is scaled to U. If U is 25 m/s (90 km/h), the speeds of the WLTC do not change."""
-
 _WLTC: Final = """
 60.2 62.3 64.7 67.1 69.2 70.7 71.9 72.7 73.4 73.8 74.1 74.0 73.6 72.5 70.8 68.6 66.2 64.0 62.2 60.9 60.2 60.0 60.4 61.4
 63.2 65.6 68.4 71.6 74.9 78.4 81.8 84.9 87.4 89.0 90.0 90.6 91.0 91.5 92.0 92.7 93.4 94.2 94.9 95.7 96.6 97.7 98.9 100.4
@@ -57,15 +55,9 @@ _WLTC: Final = """
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:
-    """A vehicle speed that changes linearly between given instants, and is constant before the first and after the last
-    instant.
-
-    Attributes:
-        name: name of the profile or of the user's file.
-        times, speeds: increasing instants in s, and the speed in m/s at each instant.
-        gust: wind that is added to the vehicle's speed. Its times are in t_c = W / U, counted from the drive's first
-            instant.
-    """
+    """A vehicle speed in m/s (`speeds`) that changes linearly between increasing instants in s (`times`), and is
+    constant before and after them. `name` is the name of the profile or of the user's file. `gust` is a wind that is
+    added to the speed; its times are in t_c = W / U, counted from the first instant."""
 
     name: str
     times: tuple[float, ...]
@@ -90,10 +82,8 @@ class Drive:
         return replace(self, times=tuple(t + seconds for t in self.times))
 
     def wind(self, point: OperatingPoint, begin: float = 0.0) -> Wind:
-        """Return a function of the plant's time that gives by how much the stream exceeds U. The drive's time zero is
-        the plant's time `begin`, in t_c."""
-        # A partial is used instead of a closure, so that a plant with this wind can be pickled.
-        return partial(self._exceeds, point, begin)
+        """Return the stream's excess over U as a function of the plant's time. The drive starts at `begin`, in t_c."""
+        return partial(self._exceeds, point, begin)  # unlike a closure, a partial can be pickled
 
     def _exceeds(self, point: OperatingPoint, begin: float, t: float) -> float:
         t_c, gust = point.convective_time, self.gust

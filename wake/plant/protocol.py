@@ -21,8 +21,7 @@ class Plant(Protocol):
         """Return the present measurements."""
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """Advance within the control period to `substep`. If `action` is given, ramp the jets so that they reach this
-        flow rate at the period's end."""
+        """Advance within the control period to `substep`. If given, the jets reach `action` at the period's end."""
 
 
 class LoopPlant(Plant, Protocol):
@@ -120,8 +119,7 @@ class SteppedPlant(Plant):
         return self._substep % self.config.substeps
 
     def advance(self, action: float) -> Sample:
-        """Ramp to `action` over the rest of the control period and return the next sample. Raises PlantError as
-        `advance_to` does."""
+        """Ramp to `action` over the rest of the period and return the next sample. Raises as `advance_to` does."""
         self.advance_to(self.config.substeps, action)
         return self.sample()
 

@@ -8,14 +8,9 @@ from contract.ledger import DragLedger
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sample(DragLedger[float]):
-    """The measurements of a plant at one instant: the drag ledger and the fields below.
-
-    Attributes:
-        t: time in t_c.
-        Cp: pressure coefficients at the n sensors, (n,), relative to the pressure at the outlet.
-        Uy_probe: transverse velocity at the wake probe (`contract.config.body.BodyConfig.wake_probe`).
-        action: jet flow rate in force at this instant.
-    """
+    """The measurements of a plant at one instant, t in t_c: the drag ledger, the pressure coefficients at the n sensors
+    (n,) relative to the pressure at the outlet, the transverse velocity at the wake probe
+    (`contract.config.body.BodyConfig.wake_probe`), and the jet flow rate in force."""
 
     t: float
     Cp: Array

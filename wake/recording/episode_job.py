@@ -1,5 +1,4 @@
-"""The job that records one episode block by block, and the folder of an unfinished recording. A job holds all data that
-a process needs, including a controller.
+"""The job that records one episode block by block, and the folder of an unfinished recording.
 
 `task.json` holds the recording's settings; only a call with equal settings continues the recording. `owner` holds the
 token of the call that records; a worker stops if the token changes. Each block has a file of samples, and a file
@@ -63,24 +62,23 @@ class PartsFolder:
                 )
         else:
             # No block is recorded yet, so the settings of an earlier call may be replaced.
-            with replacing(self._label) as temporary:
+            with replacing(self.path / "task.json") as temporary:
                 temporary.write_text(json.dumps(task, sort_keys=True))
-        with replacing(self._owner) as temporary:
+        with replacing(self.path / "owner") as temporary:
             temporary.write_text(owner)
 
     def is_owned_by(self, owner: str) -> bool:
         """Return whether the call with this token owns the folder; False if this machine cannot read the folder."""
         try:
-            return self._owner.read_text() == owner
+            return (self.path / "owner").read_text() == owner
         except OSError:
             return False
 
     def disown(self, owner: str) -> None:
-        """End the ownership of the call with this token. If the folder holds no samples, also remove it. Do nothing if
-        another call owns the folder."""
+        """End the ownership of this call, and remove a folder without samples. Do nothing if another call owns it."""
         if not self.is_owned_by(owner):
             return
-        self._owner.unlink(missing_ok=True)
+        (self.path / "owner").unlink(missing_ok=True)
         if not self.has_samples:
             shutil.rmtree(self.path, ignore_errors=True)
 
@@ -92,24 +90,16 @@ class PartsFolder:
     def task(self) -> dict[str, Any] | None:
         """Read the settings of the recording; None if they cannot be read."""
         try:
-            task: dict[str, Any] = json.loads(self._label.read_text())
+            task: dict[str, Any] = json.loads((self.path / "task.json").read_text())
+            return task
         except (OSError, ValueError):
             return None
-        return task
 
     def clear(self) -> None:
         """Remove the folder. If the process is killed while it does this, the folder is either complete or absent."""
         shutil.rmtree(self._done, ignore_errors=True)
         self.path.replace(self._done)
         shutil.rmtree(self._done)
-
-    @property
-    def _label(self) -> Path:
-        return self.path / "task.json"
-
-    @property
-    def _owner(self) -> Path:
-        return self.path / "owner"
 
     @property
     def _done(self) -> Path:
@@ -124,8 +114,8 @@ def differing(a: Mapping[str, Any], b: Mapping[str, Any]) -> str:
 Series = Mapping[str, npt.NDArray[np.float64]]
 
 _KEPT_STATES: Final = 2
-"""Number of states that are stored for an episode. One state is enough to continue. A second state is needed because a
-worker of a killed recording may still be running, and may write one more block while a new recording starts."""
+"""Number of states that are stored for an episode: one to continue from, and one because a worker of a killed recording
+may write one more block while a new recording starts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,14 +188,9 @@ class Policy(Protocol):
         """Return the controller's memory before the first sample."""
 
     def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
-        """Compute the command at t_k and the new memory, without changing `memory`. Raises StillwakeError if the
-        controller gives no command.
-
-        Args:
-            memory: memory that the previous step returned.
-            Cp: pressure coefficients of all n sensors at t_k, (n,).
-            action: action in force at t_k, in U_inf W; this is the previous step's action a_{k-1} after clipping.
-        """
+        """Compute the command at t_k and the new memory, without changing `memory`, from Cp of all n sensors (n,) and
+        the action in force in U_inf W: the previous step's action a_{k-1} after clipping. Raises StillwakeError if the
+        controller gives no command."""
 
 
 PolicyFactory = Callable[[], Policy]
@@ -228,15 +213,10 @@ EpisodeProgress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeJob:
-    """The data for recording one episode, in this process or in another process that shares the folder.
-
-    Attributes:
-        owner: token of the call of `record` that created the job; the job stops when another call owns the folder.
-        block_steps: number of control steps between two writes to disk.
-        setting: all settings that the samples depend on; see `setting_of`.
-        policy: function that builds the controller; by default, only the plan's signal drives the jets.
-        start: absolute path of the flow state in which the plan's `lead` begins; None means the shipped state.
-    """
+    """All data for recording one episode, in this process or in another process that shares the folder. `owner` is the
+    token of the call of `record` that created the job; the job stops when another call owns the folder. A block has
+    `block_steps` control steps. `setting` is the result of `setting_of`. The plan's `lead` begins in the flow state at
+    the absolute path `start`; None means the shipped state."""
 
     parts: PartsFolder
     owner: str
@@ -286,13 +266,9 @@ class EpisodeJob:
 
     def episode(self) -> Episode:
         """Read the finished episode from its blocks."""
-        return Episode(
-            name=self.plan.name,
-            role=self.plan.role,
-            series=self.blocks.series(),
-            initial_action=0.0 if self.plan.lead else _state_in(self.start).action,
-            provenance=self.provenance,
-        )
+        plan, action = self.plan, 0.0 if self.plan.lead else _state_in(self.start).action
+        series, about = self.blocks.series(), self.provenance
+        return Episode(name=plan.name, role=plan.role, series=series, initial_action=action, provenance=about)
 
     @property
     def provenance(self) -> dict[str, Any]:
@@ -320,8 +296,7 @@ def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | Non
 
 
 def check_start(config: Config, start: Path | None) -> None:
-    """Raise PlantError if a plant of this configuration cannot start in the state of the file `start`. No plant is
-    built for the check."""
+    """Raise PlantError if a plant of this configuration cannot start in the state of the file `start`."""
     shape = box_grid(config.body.length, config.flow.refinement).shape
     check_origin(_state_in(start).origin, config.body, config.flow.reynolds, shape)
 
@@ -340,9 +315,7 @@ def _state_in(start: Path | None) -> State:
 def _advance(
     wake: TruckWake, sample: Sample, policy: Policy, memory: Array, signal: Array
 ) -> tuple[Series, Sample, Array]:
-    """Return the samples of a block from `sample` on, the sample after the block, and the policy's memory at the
-    block's end. Each action is the policy's command plus the signal, clipped to the bound; the policy receives this
-    action one step later."""
+    """Return the samples of a block from `sample` on, the sample after it, and the policy's memory at its end."""
     rows: list[Sample] = []
     actions = np.empty(len(signal))
     limit = wake.config.action_limit

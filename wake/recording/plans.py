@@ -32,9 +32,8 @@ def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.rando
     dt = flow.control_period
     # The filter starts from zero, so its output is discarded until the time 4 / (cut-off frequency).
     settle = int(4.0 / (forcing.modulation_cutoff * dt))
-    if forcing.modulation_cutoff >= 0.5 / dt:
-        below = f"must be below {0.5 / dt:g}, half the control rate"
-        raise ConfigError(f"forcing.modulation_cutoff = {forcing.modulation_cutoff:g}: {below}")
+    if (cutoff := forcing.modulation_cutoff) >= 0.5 / dt:
+        raise ConfigError(f"forcing.modulation_cutoff = {cutoff:g}: must be below {0.5 / dt:g}, half the control rate")
     lowpass = butter(2, forcing.modulation_cutoff, fs=1.0 / dt, output="sos")
     eta = sosfilt(lowpass, rng.standard_normal(settle + steps))[settle:]
     eta /= np.abs(eta).max()
@@ -71,7 +70,6 @@ def exploration(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.ra
 
 
 def _sweep(steps: int, start: float, end: float, flow: FlowConfig) -> Array:
-    """Compute a linear sweep of the frequency at full amplitude; shape (steps,), in U_inf W."""
     t = np.arange(steps) * flow.control_period
     rate = (end - start) / (max(steps, 1) * flow.control_period)
     return flow.action_limit * np.sin(2.0 * np.pi * (start * t + 0.5 * rate * t**2))
@@ -94,7 +92,6 @@ _ROLES: Final[dict[ForcingName, Role]] = {
     "chirp": "test",
     "extended_chirp": "extended",
 }
-_PAPER_TRAINING_EPISODES: Final = 10
 SHEDDING_PERIOD: Final = 24
 """Shedding period of the uncontrolled wake in control steps (Strouhal number 0.207)."""
 
@@ -102,8 +99,7 @@ SHEDDING_PERIOD: Final = 24
 @dataclass(frozen=True, kw_only=True)
 class EpisodePlan:
     """The plan of one episode with open-loop forcing. `lead` is the number of control steps without forcing from the
-    start to the first sample. It differs between episodes, so that episodes begin in different phases of the shedding
-    cycle."""
+    start to the first sample. It differs, so that episodes begin in different phases of the shedding cycle."""
 
     forcing: ForcingName
     steps: int
@@ -114,8 +110,7 @@ class EpisodePlan:
 
     @property
     def role(self) -> Role:
-        """The use of the episode. The paper trains on "training" and "none", and tests on the chirp; its appendix A
-        also tests on the extended chirp."""
+        """The use of the episode. The paper trains on "training" and "none", and tests on the chirps (appendix A)."""
         return _ROLES[self.forcing]
 
     @property
@@ -136,12 +131,10 @@ def paper_plans(seed: int = 1) -> tuple[EpisodePlan, ...]:
     """Return the plans of the paper's data set (section 2.1, appendix A): 50,000 forced and 2,500 unforced training
     steps, 10,000 steps of the chirp, and 10,000 of the extended chirp. The training steps are split into independent
     episodes with seeds `seed`, `seed` + 1, ... The episodes start at phases spread evenly over a shedding cycle, so
-    that they differ in more than the forcing. A chirp cannot be split, because its sweep rate depends on its
-    duration."""
-    count = _PAPER_TRAINING_EPISODES
+    that they differ in more than the forcing. A chirp cannot be split."""
     training = (
-        EpisodePlan(forcing="training", steps=50_000 // count, seed=seed + i, lead=round(SHEDDING_PERIOD * i / count))
-        for i in range(count)
+        EpisodePlan(forcing="training", steps=5_000, seed=seed + i, lead=round(SHEDDING_PERIOD * i / 10))
+        for i in range(10)
     )
     return (
         *training,
@@ -157,20 +150,11 @@ CalmRole = Literal["train", "calm"]
 
 @dataclass(frozen=True, kw_only=True)
 class RoundPlan:
-    """The plan of one episode of a round.
-
-    Attributes:
-        kind: "controlled" for an episode from the developed wake, "calm" for an episode from the steady wake. This word
-            is also the role of a held-out episode.
-        round: number of the round in the data set, from 1.
-        episode: number of the episode in the round, from 0.
-        level: rms of the random action, which is added to the commands if there is a controller. It is a fraction of
-            the action limit; for a calm episode it is in U_inf W.
-        role: "train" or, for a held-out episode, the kind.
-        seed: random seed. The seed, round, episode and role determine the random action, so that rounds differ.
-        lead: number of control steps without forcing from the start to the first sample.
-        bundle, bundle_digest: bundle of the controller, and the bundle's digest; None if there is no controller.
-    """
+    """The plan of one episode of a round. Its kind is "controlled" for an episode from the developed wake, "calm" for
+    an episode from the steady wake; its role is "train" or, for a held-out episode, the kind. Rounds are numbered from
+    1, the episodes of a round from 0. `level` is the rms of the random action, which is added to the commands if there
+    is a controller: a fraction of the action limit or, for a calm episode, in U_inf W. Seed, round, episode and role
+    determine the random action. `lead` is as in `EpisodePlan`. Without a controller, `bundle` is None."""
 
     kind: Literal["controlled", "calm"]
     round: int
@@ -233,9 +217,9 @@ class ControlledRound:
         """Return the plans of round `number`. Seed, round and role determine the random phases of the shedding cycle in
         which the episodes begin. Phases repeat only if there are more episodes than control steps in the cycle."""
         rng = np.random.default_rng([self.seed, number, get_args(ControlledRole).index(self.role)])
-        leads = rng.permutation(SHEDDING_PERIOD)
-        places = ((self.exploration, int(leads[i % SHEDDING_PERIOD])) for i in range(self.episodes))
-        return tuple(_plan(self, "controlled", number, i, *place) for i, place in enumerate(places))
+        leads = rng.permutation(SHEDDING_PERIOD).tolist()
+        lead_of = [leads[i % SHEDDING_PERIOD] for i in range(self.episodes)]
+        return tuple(_plan(self, number, i, self.exploration, lead) for i, lead in enumerate(lead_of))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -265,17 +249,11 @@ class CalmRound:
     def plans(self, number: int) -> tuple[RoundPlan, ...]:
         """Return the plans of round `number`."""
         amplitudes = np.geomspace(self.smallest, self.largest, self.episodes)
-        return tuple(_plan(self, "calm", number, i, float(level), 0) for i, level in enumerate(amplitudes))
+        return tuple(_plan(self, number, i, float(level), 0) for i, level in enumerate(amplitudes))
 
 
-def _plan(
-    wanted: ControlledRound | CalmRound,
-    kind: Literal["controlled", "calm"],
-    number: int,
-    episode: int,
-    level: float,
-    lead: int,
-) -> RoundPlan:
+def _plan(wanted: ControlledRound | CalmRound, number: int, episode: int, level: float, lead: int) -> RoundPlan:
+    kind: Literal["controlled", "calm"] = "calm" if isinstance(wanted, CalmRound) else "controlled"
     own = {name: getattr(wanted, name) for name in ("steps", "role", "seed", "bundle", "bundle_digest")}
     return RoundPlan(kind=kind, round=number, episode=episode, level=level, lead=lead, **own)
 

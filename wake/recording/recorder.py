@@ -1,5 +1,4 @@
-"""The recording of a data set. Episodes are recorded one after another or in parallel, then written into one HDF5 file.
-A round adds episodes to a data set."""
+"""The recording of a data set. Episodes are recorded in turn or in parallel, then written. A round adds episodes."""
 
 import json
 import uuid
@@ -18,20 +17,10 @@ from contract.errors import DatasetError, OutputError, StillwakeError
 from contract.recording.dataset import Dataset, Episode, append, read, read_to_append, write
 from contract.side_by_side import spread
 from contract.typed import differences
-from wake.recording.episode_job import (
-    EpisodeJob,
-    EpisodeProgress,
-    NoFeedback,
-    PartsFolder,
-    PolicyFactory,
-    check_start,
-    setting_of,
-)
+from wake.recording import episode_job
+from wake.recording.episode_job import EpisodeJob, EpisodeProgress, NoFeedback, PartsFolder, PolicyFactory, setting_of
 from wake.recording.plans import CalmRound, ControlledRound, EpisodePlan, Plan
 from wake.truck.truck_wake import TruckWake
-
-_NOT_COMPARED: Final = "versions"
-"""Name of the entry with the software's versions. It is not compared: a recording is valid with any versions."""
 
 
 def is_finished(output: Path, jobs: Sequence[EpisodeJob]) -> bool:
@@ -54,7 +43,6 @@ _WAYS: Final = "give --overwrite to replace it, or another name"
 
 
 def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | None:
-    """Describe the first difference between the episodes and the jobs. Returns None if they agree."""
     by_name = {episode.name: episode for episode in there}
     for job in jobs:
         plan, episode = job.plan, by_name.pop(job.plan.name, None)
@@ -63,10 +51,9 @@ def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | N
         if len(episode) != plan.steps:
             return f"episode {plan.name} has {len(episode)} steps, not {plan.steps}"
         made, wanted = dict(episode.provenance), json.loads(json.dumps(job.provenance))
-        made.pop(_NOT_COMPARED, None)
+        made.pop("versions", None)  # a recording is valid with any versions of the software
         if made.get("start_sha256") == wanted.get("start_sha256"):
-            # Both recordings begin in the same state, so the names of the state's files are not compared.
-            made.pop("start", None)
+            made.pop("start", None)  # the name of the file with this state
         for name, before, now in differences(made, wanted):
             # Entries that only one version of the software stores are not compared.
             if before is not None and now is not None:
@@ -107,15 +94,14 @@ def record(
         start: file of the flow state in which episodes begin; None means the shipped state. Workers read this path.
         overwrite: whether an existing file is replaced as soon as the new file is complete.
 
-    Raises:
-        OutputError: if `output` exists with other plans or settings, and `overwrite` is False.
-        StillwakeError: if the output cannot be written, stored parts have other plans or settings, or workers fail.
-        PlantError: if the flow diverges, or cannot start in `start`.
+    Raises OutputError if `output` exists with other plans or settings, and `overwrite` is False; StillwakeError if the
+    output cannot be written, stored parts have other plans or settings, or workers fail; PlantError if the flow
+    diverges, or cannot start in `start`.
     """
     wanted = jobs_for(output, plans, config, block_steps=block_steps, start=start)
     if not overwrite and is_finished(output, wanted):
+        # An earlier call may have been killed after it wrote the file and before it removed its parts.
         if wanted[0].parts.task() == task_of(wanted):
-            # An earlier call may have been killed after it wrote the file and before it removed its parts.
             wanted[0].parts.clear()
         return False
     with finished_jobs(wanted, workers=workers, scheduler=scheduler, progress=progress, notice=notice) as jobs:
@@ -134,22 +120,11 @@ def jobs_for(
 ) -> tuple[EpisodeJob, ...]:
     """Return the jobs of one call; nothing is written yet. Raises PlantError if a plant cannot start in `start`."""
     start = None if start is None else start.absolute()
-    check_start(config, start)
-    parts, owner = PartsFolder.for_output(output), uuid.uuid4().hex
-    setting = setting_of(config, plans[0].packages, start)
-    return tuple(
-        EpisodeJob(
-            parts=parts,
-            owner=owner,
-            plan=plan,
-            config=config,
-            block_steps=block_steps,
-            setting=setting,
-            policy=policy,
-            start=start,
-        )
-        for plan in plans
-    )
+    episode_job.check_start(config, start)
+    shared: dict[str, Any] = {"config": config, "block_steps": block_steps, "policy": policy, "start": start}
+    shared |= {"parts": PartsFolder.for_output(output), "owner": uuid.uuid4().hex}
+    shared["setting"] = setting_of(config, plans[0].packages, start)
+    return tuple(EpisodeJob(plan=plan, **shared) for plan in plans)
 
 
 def task_of(jobs: Sequence[EpisodeJob]) -> dict[str, Any]:
@@ -157,14 +132,13 @@ def task_of(jobs: Sequence[EpisodeJob]) -> dict[str, Any]:
     return {"plans": [asdict(job.plan) for job in jobs], "block_steps": jobs[0].block_steps, **jobs[0].setting}
 
 
+Notice = Callable[[str], None]
+"""A function that is called with a line of text."""
+
+
 @contextmanager
 def finished_jobs(
-    jobs: Sequence[EpisodeJob],
-    *,
-    workers: int,
-    scheduler: str | None,
-    progress: EpisodeProgress,
-    notice: Callable[[str], None],
+    jobs: Sequence[EpisodeJob], *, workers: int, scheduler: str | None, progress: EpisodeProgress, notice: Notice
 ) -> Iterator[Sequence[EpisodeJob]]:
     """Record the missing blocks of a call's jobs, and yield the jobs. The `with` block stores the jobs' episodes. If it
     raises no error, the parts of the jobs are then removed. Arguments and errors are as for `record`."""
@@ -184,25 +158,18 @@ def finished_jobs(
     finally:
         parts.disown(jobs[0].owner)
         for folder in missing:
-            # A folder that is not empty cannot be removed; it remains.
-            with suppress(OSError):
+            with suppress(OSError):  # a folder that is not empty remains
                 folder.rmdir()
     yield jobs
     parts.clear()
 
 
 def run_parallel(
-    jobs: Sequence[EpisodeJob],
-    *,
-    workers: int,
-    scheduler: str | None,
-    progress: EpisodeProgress,
-    notice: Callable[[str], None],
+    jobs: Sequence[EpisodeJob], *, workers: int, scheduler: str | None, progress: EpisodeProgress, notice: Notice
 ) -> None:
-    """Record the jobs' episodes on workers, and watch the shared folder. A worker records one episode at a time; the
-    episode with the most missing steps comes first. An episode whose worker dies continues from its last block.
-    `progress` is called for each episode whose number of recorded steps has changed since the last poll;
-    `contract.side_by_side.spread` explains the other arguments and errors."""
+    """Record the jobs' episodes on workers, the episode with the most missing steps first. An episode whose worker dies
+    continues from its last block. `progress` is called for each episode whose number of recorded steps has changed
+    since the last poll; `contract.side_by_side.spread` explains the other arguments and errors."""
     done = {job.plan.name: job.blocks.finished for job in jobs}
     present: set[str] = set()
 
@@ -255,11 +222,10 @@ def record_round(
     """Record a round, and add its episodes to a data set, which is created if it does not exist. Returns the round's
     number: one more than the highest number in the file.
 
-    If a call was interrupted, the next call continues its work. If the interrupted call had already added its round,
-    the next call only removes the parts. Raises DatasetError before recording if the file is not a data set, or was
-    recorded with another schema or flow; StillwakeError and PlantError as `record` does, or the controller's error.
-    `policy` builds the controller in each recording process; without it, only the plans' signals act. The other
-    parameters are as for `record`.
+    If a call was interrupted, the next call continues its work, or only removes the parts if the round was already
+    added. Raises DatasetError before recording if the file is not a data set, or was recorded with another schema or
+    flow; StillwakeError and PlantError as `record` does, or the controller's error. `policy` builds the controller in
+    each recording process; without it, only the plans' signals act. The other parameters are as for `record`.
     """
     jobs = partial(jobs_for, output, config=config, block_steps=block_steps, policy=policy, start=start)
     facts = {name: value for name, value in setting_of(config).items() if name in _FACTS}

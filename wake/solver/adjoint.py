@@ -18,9 +18,8 @@ from contract.arrays import Array, Index
 from contract.runtime.copies import CopiedWhole
 from wake.solver import kernels
 from wake.solver.boundary import GhostMap
-from wake.solver.compiled import compiled
 from wake.solver.grid import Flow
-from wake.solver.kernels import Domain, Pair, Spacing, advance_stage
+from wake.solver.kernels import Domain, Pair, Spacing, advance_stage, compiled
 from wake.solver.navier_stokes import A, B, FlowSolver, gusting, stage_ends
 
 
@@ -52,12 +51,10 @@ def _across(dy: Array, dyc: Array, nu: float) -> tuple[Array, Array]:
 
 @compiled("contract")
 def back_rates(bar: Flow, gained: Pair[Array], u: Array, v: Array, nu: float, spacing: Spacing) -> None:
-    """Propagate sensitivities from du/dt and dv/dt (`gained`, zero on faces that are not open) to u, v and p.
-
-    The loops run row by row in x, and collect for each entry of u, v and p its effects on all rates. Loops over the
-    rates, with additions to the entries around each rate, would take twice the time. A loop uses at most eight arrays,
-    because the compiler does not vectorise loops with more arrays.
-    """
+    """Propagate sensitivities from du/dt and dv/dt (`gained`, zero on faces that are not open) to u, v and p. The loops
+    run row by row in x, and collect for each entry of u, v and p its effects on all rates. Loops over the rates, with
+    additions to the entries around each rate, would take twice the time. A loop uses at most eight arrays, because the
+    compiler does not vectorise loops with more arrays."""
     gu, gv = gained.u, gained.v
     real, nx, ny = u.dtype.type, u.shape[0] - 2, u.shape[1] - 2
     half, nu = real(0.5), real(nu)
@@ -209,16 +206,10 @@ def back_stages(
     gained: Array,
     domain: Domain,
 ) -> None:
-    """Apply the transpose of `wake.solver.kernels.stages` for its three stages, from the flow at the step's start.
-
-    Args:
-        bar: sensitivities after the stages; overwritten with the sensitivities before the stages.
-        slot_bar: (3, m); receives the sensitivities to the velocities on the slots' m faces at each stage's end.
-        start: the flow at the step's start.
-        work: a copy of `start`; overwritten.
-        rates, second: work arrays with finite values; overwritten.
-        a, step, slot_velocity, wind, gained, domain: arguments as in the forward kernel.
-    """
+    """Apply the transpose of `wake.solver.kernels.stages` for its three stages. `bar` has the sensitivities after the
+    stages, and is overwritten with those before them. `slot_bar` (3, m) receives the sensitivities to the velocities on
+    the slots' m faces at each stage's end. `start` is the flow at the step's start; its copy `work` and the arrays
+    `rates` and `second` with finite values are overwritten. The other arguments are as in the forward kernel."""
     # Each loop contains only one call, and no array is assigned to a slice: a second call or such an assignment would
     # double the time of compiling this function.
     for k in range(2):
@@ -308,14 +299,9 @@ class FlowAdjoint(CopiedWhole):
         action_to: float,
         wind: Callable[[float], float] | None = None,
     ) -> tuple[float, float]:
-        """Propagate sensitivities from a run's end to its beginning. Returns the sensitivities to `action_from` and
-        `action_to`.
-
-        Args:
-            bar: sensitivities to the flow at the run's end; overwritten with the sensitivities at its beginning.
-            starts: the flows that `FlowSolver.run` stored, (steps, size of the buffer).
-            dt, action_from, action_to, wind: the arguments with which `FlowSolver.run` was called.
-        """
+        """Propagate sensitivities from a run's end to its beginning; `bar` is overwritten. `starts` (steps, size of the
+        buffer) are the flows that `FlowSolver.run` stored; the other arguments are those with which it was called.
+        Returns the sensitivities to `action_from` and `action_to`."""
         solver, steps = self._solver, len(starts)
         slot_velocity = solver.slot_velocity(action_from, action_to, steps)
         slot_bar = np.zeros_like(slot_velocity)

@@ -37,15 +37,9 @@ class GhostMap(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Boundary:
-    """The classification of a grid's cells and faces around a body.
-
-    Attributes:
-        fluid: cells whose centre lies in the fluid, (nx, ny).
-        open_u, open_v: faces between two fluid cells, and the faces of the outlet; faces of the other outer boundaries
-            are not open. The shapes are (nx + 1, ny) and (nx, ny + 1).
-        u_runs, v_runs, cell_runs: rows (i, j0, j1) that cover the open faces and the fluid cells.
-        u_ghosts, v_ghosts: maps on the padded arrays u and v.
-    """
+    """The classification of a grid's cells and faces around a body. `fluid` (nx, ny) are the cells whose centre lies in
+    the fluid. Open faces (nx + 1, ny) and (nx, ny + 1) are between two fluid cells or on the outlet. Runs are rows (i,
+    j0, j1) that cover the open faces and the fluid cells. Ghosts are maps on the padded arrays u and v."""
 
     fluid: Mask
     open_u: Mask

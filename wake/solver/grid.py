@@ -45,12 +45,10 @@ class Grid:
     and `yf` are needed without a body.
 
     Attributes:
-        xf, yf: coordinates of the faces, shapes (nx + 1,) and (ny + 1,).
-        xc, yc: coordinates of the cell centres, shapes (nx,) and (ny,).
+        xf, yf, xc, yc: coordinates of the faces, (nx + 1,) and (ny + 1,), and of the cell centres, (nx,) and (ny,).
         dxc, dyc: distances between the centres on both sides of each face, shapes (nx + 1,) and (ny + 1,). The first
             and the last distance are half a cell.
-        front, rear: x-face indices of the body's front and base.
-        lower, upper: y-face indices of the body's sides.
+        front, rear, lower, upper: face indices of the body's front and base, and of its sides.
         slot_cells: number of cells across each slot.
     """
 
@@ -159,7 +157,6 @@ def _join(parts: Sequence[Array]) -> Array:
 
 
 def _padded(shape: tuple[int, int]) -> tuple[tuple[int, int], ...]:
-    """Return the shapes of the padded u, v and p for a grid of `shape` = (nx, ny) cells."""
     nx, ny = shape
     return (nx + 2, ny + 2), (nx + 2, ny + 1), (nx + 1, ny)
 

@@ -10,16 +10,33 @@ j1) stands for the faces j0 .. j1 - 1 of row i, in unpadded indices. Runs cover 
 loops over j need no condition.
 """
 
-from typing import Generic, NamedTuple, TypeVar
+from collections.abc import Callable
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
+from numba import njit
 
 from contract.arrays import Array, Index
 from wake.solver.boundary import GhostMap
-from wake.solver.compiled import compiled
 from wake.solver.grid import Flow
 
 T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def compiled(*fastmath: str) -> Callable[[F], F]:
+    """Return a decorator that compiles a function, which then runs without Python's global interpreter lock. `fastmath`
+    are LLVM's flags for floating-point operations. Compiled code is kept beside the function's file, or in the user's
+    cache folder. If neither folder can be written, as in a read-only container without a home, each process compiles
+    the function again."""
+
+    def decorate(function: F) -> F:
+        try:
+            return cast("F", njit(cache=True, nogil=True, fastmath=set(fastmath))(function))
+        except RuntimeError:  # numba found no folder for its cache
+            return cast("F", njit(nogil=True, fastmath=set(fastmath))(function))
+
+    return decorate
 
 
 class Spacing(NamedTuple):
@@ -39,15 +56,9 @@ class Pair(NamedTuple, Generic[T]):
 
 
 class Domain(NamedTuple):
-    """The data that do not change between steps.
-
-    Attributes:
-        viscosity: 1 / Re.
-        runs: rows (i, j0, j1) that cover the open faces.
-        walls: ghosts of u and of v.
-        inflow: velocity at the inlet, (ny,) and (ny + 1,).
-        slot_column, slot_rows: x-face index of the jets, and the rows of their m faces, (m,).
-    """
+    """The data that do not change between steps: 1 / Re, the spacings, the rows (i, j0, j1) that cover the open faces,
+    the ghosts, the velocity at the inlet (ny,) and (ny + 1,), the x-face index of the jets, and the rows of their m
+    faces (m,)."""
 
     viscosity: float
     spacing: Spacing
@@ -60,11 +71,9 @@ class Domain(NamedTuple):
 
 @compiled("contract")
 def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
-    """Compute `q = a * q + du/dt` on the open u-faces, including the gradient of the pressure p.
-
-    The compiler does not vectorise a loop whose indices could be negative, so rows are sliced to start at the run. Nor
-    does it vectorise a loop over very many arrays, so the x- and y-terms have separate loops.
-    """
+    """Compute `q = a * q + du/dt` on the open u-faces, including the gradient of the pressure p. The compiler does not
+    vectorise a loop whose indices could be negative, so rows are sliced to start at the run. Nor does it vectorise a
+    loop over very many arrays, so the x- and y-terms have separate loops."""
     real = u.dtype.type
     one, two, half, nu = real(1.0), real(2.0), real(0.5), real(nu)
     a = real(a)
@@ -100,8 +109,7 @@ def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
 
 @compiled("contract")
 def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
-    """Compute `q = a * q + dv/dt` on the open v-faces, including the gradient of the pressure p. The loops are built as
-    in `u_rate`."""
+    """Compute `q = a * q + dv/dt` on the open v-faces, including the pressure gradient, with loops as in `u_rate`."""
     real = u.dtype.type
     one, half, quarter, nu, a = real(1.0), real(0.5), real(0.25), real(nu), real(a)
     dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
@@ -196,20 +204,11 @@ def _shift(field: Array, by: float, runs: Index, pad_i: int, pad_j: int) -> None
 
 @compiled()
 def advance_stage(
-    flow: Flow,
-    rates: Pair[Array],
-    a: float,
-    step: float,
-    slot_velocity: Array,
-    wind: float,
-    gained: float,
-    domain: Domain,
+    flow: Flow, rates: Pair[Array], a: float, step: float, jets: Array, wind: float, gained: float, domain: Domain
 ) -> None:
     """Compute `rates = a * rates + d(velocity)/dt` and `velocity += step * rates`. Then apply the boundary conditions
-    at the stage's end.
-
-    `wind` is added to the inflow; `gained` is the change of the wind since the stage's beginning.
-    """
+    at the stage's end: the velocities `jets` on the slots' faces, and `wind` in addition to the inflow. `gained` is the
+    change of the wind since the stage's beginning."""
     u, v, p = flow.u, flow.v, flow.p
     runs, inflow, slot_rows = domain.runs, domain.inflow, domain.slot_rows
     u_rate(rates.u, a, u, v, p, domain.viscosity, domain.spacing, runs.u)
@@ -221,29 +220,20 @@ def advance_stage(
     for j in range(len(inflow.u)):
         u[0, j + 1] = inflow.u[j] + wind
     for k in range(len(slot_rows)):
-        u[domain.slot_column, slot_rows[k] + 1] = slot_velocity[k]
+        u[domain.slot_column, slot_rows[k] + 1] = jets[k]
     fill_edges(u, v, inflow.v)
     fill_walls(u, v, domain.walls)
 
 
 @compiled()
 def stages(
-    flow: Flow,
-    rates: Pair[Array],
-    a: Array,
-    step: Array,
-    slot_velocity: Array,
-    wind: Array,
-    gained: Array,
-    domain: Domain,
+    flow: Flow, rates: Pair[Array], a: Array, step: Array, jets: Array, wind: Array, gained: Array, domain: Domain
 ) -> None:
-    """Run the s Runge-Kutta stages of a step. `a` and `step` are (s,). `slot_velocity` (s, m faces), `wind` (s,) and
-    `gained` (s,) are the arguments of `advance_stage` for each stage.
-
-    One call runs all stages, because passing the arrays takes a microsecond or two in each call.
-    """
+    """Run the s Runge-Kutta stages of a step. `a` and `step` are (s,). `jets` (s, m faces), `wind` (s,) and `gained`
+    (s,) are the arguments of `advance_stage` for each stage. One call runs all stages, because passing the arrays takes
+    a microsecond or two in each call."""
     for k in range(len(a)):
-        advance_stage(flow, rates, a[k], step[k], slot_velocity[k], wind[k], gained[k], domain)
+        advance_stage(flow, rates, a[k], step[k], jets[k], wind[k], gained[k], domain)
 
 
 @compiled("contract")

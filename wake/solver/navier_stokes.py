@@ -40,14 +40,10 @@ _STEADY = np.zeros(len(STAGE_END))
 
 
 class FlowSolver(CopiedWhole):
-    """A time integration of a `Flow` on one grid around one body.
-
-    Args:
-        viscosity: 1 / Re.
-        slot_profile: velocity on the faces at `grid.rear` per unit action, (ny,); None if there are no jets.
-        inflow_u, inflow_v: velocity at the inlet, (ny,) at the u-faces and (ny + 1,) at the v-faces.
-        precision: precision of the flows; the grid and the projection's factors are computed in double precision first.
-    """
+    """A time integration of a `Flow` on one grid around one body. `viscosity` is 1 / Re. `slot_profile` (ny,) is the
+    velocity on the faces at `grid.rear` per unit action; None if there are no jets. `inflow_u` (ny,) and `inflow_v` (ny
+    + 1,) are the velocity at the inlet. `precision` is the precision of the flows; the grid and the projection's
+    factors are computed in double precision first."""
 
     def __init__(
         self,
@@ -60,10 +56,7 @@ class FlowSolver(CopiedWhole):
         precision: Precision = np.float64,
     ) -> None:
         ny = grid.shape[1]
-        self.precision = precision
-        self.grid = grid
-        self.boundary = boundary
-        self.viscosity = viscosity
+        self.grid, self.boundary, self.viscosity, self.precision = grid, boundary, viscosity, precision
         self.poisson = poisson.build(grid, boundary.fluid, precision)
         self.slot_profile = np.zeros(ny) if slot_profile is None else slot_profile
         # The projection has no mirrored cells, so it uses the grid's own spacings.
@@ -114,14 +107,10 @@ class FlowSolver(CopiedWhole):
         wind: Callable[[float], float] | None = None,
         starts: Array | None = None,
     ) -> None:
-        """Take `steps` time steps in place while the action ramps linearly from `action_from` to `action_to`. Restores
-        the flow and raises PlantError if the new flow is not finite or is faster than physically possible.
-
-        Args:
-            wind: excess of the stream's velocity over the inflow velocity, as a continuous function of the time since
-                the run began.
-            starts: (steps, size of the buffer); receives the flow at the start of each step, for the adjoint.
-        """
+        """Take `steps` time steps in place while the action ramps linearly from `action_from` to `action_to`. `wind` is
+        the excess of the stream's velocity over the inflow velocity, as a continuous function of the time since the run
+        began. `starts` (steps, size of the buffer) receives the flow at the start of each step, for the adjoint.
+        Restores the flow and raises PlantError if the new flow is not finite or is faster than physically possible."""
         self._before.flat[:] = flow.flat
         # The first stage multiplies the old rates by zero, but a NaN from a diverged run would remain NaN.
         self._rates.u[:] = 0.0
@@ -187,7 +176,6 @@ def gusting(wind: Callable[[float], float] | None, dt: float, step: int) -> tupl
 CONVECTIVE_LIMIT: Final = 2.0
 JET_LIMIT: Final = 4.0
 VISCOUS_LIMIT: Final = 2.51
-
 _SAFE: Final = 1.7
 """Largest convective and viscous number of the time step that `advice` recommends."""
 

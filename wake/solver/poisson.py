@@ -13,9 +13,8 @@ No product uses BLAS, whose rounding depends on the number of threads. So the re
 bit with any number of threads, and in any thread. The products are as fast as with BLAS, because `_product` computes
 three rows of its result at a time, the width is padded to whole vectors, and arrays are aligned to vectors.
 
-Work arrays are allocated once and used again. An allocation in every step can take as long as all other work: in a
-worker's thread the C library may return the memory to the system each time, and the system must then map every page
-again.
+Work arrays are allocated once. In a worker's thread, an allocation in every step can take as long as all other work,
+because the C library may return the memory to the system each time.
 """
 
 from dataclasses import dataclass
@@ -26,8 +25,8 @@ import numpy.typing as npt
 from scipy.linalg import eigh_tridiagonal
 
 from contract.arrays import Array, Precision
-from wake.solver.compiled import compiled
 from wake.solver.grid import Grid
+from wake.solver.kernels import compiled
 
 Links = npt.NDArray[np.int64]
 Work = tuple[Array, Array, Array, Array, Array]
@@ -42,8 +41,7 @@ class HalfSolver:
     in the lower half.
 
     Attributes:
-        q: eigenvectors of the y-operator in columns, (h, h), normalised with the cell heights.
-        qt: transpose of q, contiguous.
+        q, qt: eigenvectors of the y-operator in columns, (h, h), normalised with the cell heights; their transpose.
         pivot: reciprocal pivots of the tridiagonal systems, (nx, h).
         coupling: conductance per unit height between columns i - 1 and i, (nx,).
         links: cells (i1, j1) and (i2, j2) on the two sides of each cut link, (m, 4).
@@ -230,10 +228,7 @@ def _scatter(spectral: Array, links: Links, y: Array, q: Array) -> None:
 @compiled("contract")
 def _product(a: Array, b: Array, out: Array) -> None:
     """Compute `out = a @ b` for b (h, h), where h is a multiple of 4. The loop computes three rows of the result at a
-    time, and adds four terms of their sums at once.
-
-    The terms of each sum are added in a fixed order, so that the result does not depend on the grouping of rows.
-    """
+    time, and adds four terms of their sums at once, in a fixed order, so that the grouping of rows has no effect."""
     n, h = out.shape
     for i in range(0, n - 2, 3):
         a0, a1, a2 = a[i], a[i + 1], a[i + 2]

@@ -1,10 +1,9 @@
 """The time averages of a shedding wake; all studies use these rules.
 
-An average that includes a part of a cycle depends on where the series begins and ends. So averages run from the first
-to the last instant at which the lift crosses zero upwards. Linear interpolation between samples gives these instants;
-the trapezoidal rule integrates the series between them. The standard deviation is the root of the mean of (x - mean)^2,
-with the same integral. For a signal with 24 samples per cycle, such as this wake's lift, the average over a dozen
-cycles has an error of 1e-6 of the amplitude. Without interpolation of the crossings, the error would be 1e-3.
+Averages run from the first to the last instant at which the lift crosses zero upwards. Linear interpolation between
+samples gives these instants; the trapezoidal rule integrates the series between them. For a signal with 24 samples per
+cycle, such as this wake's lift, the average over a dozen cycles has an error of 1e-6 of the amplitude. Without
+interpolation of the crossings, the error would be 1e-3.
 
 The lift of a wake under control may cross zero many times within a cycle. But the wake and the jets still act near the
 shedding frequency. So a controlled wake is averaged over as many whole cycles of the uncontrolled wake as fit, counted
@@ -49,12 +48,9 @@ def over_cycles(t: Array, lift: Array) -> CycleAverage:
             "run longer"
         )
     crossings = t[up] - lift[up] * (t[up + 1] - t[up]) / (lift[up + 1] - lift[up])
-    first, last = float(crossings[0]), float(crossings[-1])
-    return CycleAverage(
-        weights=_trapezoids(t, first, last) / (last - first),
-        cycles=len(up) - 1,
-        frequency=(len(up) - 1) / (last - first),
-    )
+    first, last, cycles = float(crossings[0]), float(crossings[-1]), len(up) - 1
+    weights, frequency = _trapezoids(t, first, last) / (last - first), cycles / (last - first)
+    return CycleAverage(weights=weights, cycles=cycles, frequency=frequency)
 
 
 def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
@@ -76,7 +72,7 @@ def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
 def _trapezoids(t: Array, first: float, last: float) -> Array:
     """Return the weights (n,) that integrate a piecewise linear series from `first` to `last`."""
     width = np.diff(t)
-    # Only a part of each interval counts. `begin` and `end` of this part are fractions of the interval's width.
+    # The part of each interval that counts, as fractions of its width.
     begin = np.clip((first - t[:-1]) / width, 0.0, 1.0)
     end = np.clip((last - t[:-1]) / width, 0.0, 1.0)
     right = 0.5 * (end * end - begin * begin) * width

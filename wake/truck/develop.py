@@ -22,11 +22,11 @@ from wake.solver.grid import Component, Flow, Grid
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
+FlowProgress = Callable[[float, float], None]
+"""A function that is called with (time, total) after every control period."""
 # After an impulsive start, the time step must be small until the first transients have left the leading edge. A pair is
 # (dt, number of steps). A plant whose own time step is shorter takes more steps for the same time.
 _RAMP: Final = ((1e-4, 200), (1e-3, 200), (2e-3, 1000), (4e-3, 500))
-_KICK_STEPS: Final = 50
-_KICK_AMPLITUDE: Final = 2.0 / 3.0
 
 
 def start_from_rest(wake: TruckWake) -> None:
@@ -37,20 +37,14 @@ def start_from_rest(wake: TruckWake) -> None:
         wake.solver.run(wake.flow, dt=dt, steps=ceil(steps * (longest / dt)), action_from=0.0, action_to=0.0)
 
 
-def develop(
-    wake: TruckWake, duration: float = 200.0, progress: Callable[[float, float], None] = lambda t, total: None
-) -> State:
-    """Start the flow, break its symmetry with two periods of a sinusoidal jet action, and let it settle without
-    control. Returns the state with its clock set to zero and with shut jets; the plant is in this state, too.
-
-    Args:
-        duration: time in t_c after `start_from_rest`. The wake of this truck needs 60 to 100 t_c to become periodic.
-        progress: called with (time, duration) after every control period.
-    """
+def develop(wake: TruckWake, duration: float = 200.0, progress: FlowProgress = lambda t, total: None) -> State:
+    """Start the flow, break its symmetry with two periods of a sinusoidal jet action, and let it settle without control
+    for `duration` t_c; the wake of the truck needs 60 to 100 t_c to become periodic. Returns the state with its clock
+    set to zero and with shut jets; the plant is in this state, too."""
     start_from_rest(wake)
     flow = wake.config
     for k in range(round(duration / flow.control_period)):
-        kick = _KICK_AMPLITUDE * np.sin(2.0 * np.pi * 0.2 * k * flow.control_period) if k < _KICK_STEPS else 0.0
+        kick = 2.0 / 3.0 * np.sin(2.0 * np.pi * 0.2 * k * flow.control_period) if k < 50 else 0.0
         sample = wake.advance(flow.action_limit * float(kick))
         progress(sample.t, duration)
     state = replace(wake.state(), substep=0, action=0.0)
@@ -81,20 +75,14 @@ def at_points(flow: Flow, grid: Grid, component: Component, points: Array) -> Ar
 
 
 def moved(
-    state: State,
-    source: Grid,
-    wake: TruckWake,
-    duration: float,
-    progress: Callable[[float, float], None] = lambda t, total: None,
+    state: State, source: Grid, wake: TruckWake, duration: float, progress: FlowProgress = lambda t, total: None
 ) -> State:
     """Interpolate a state on another grid, `source`, to the plant's grid, and let the flow settle without jets for
     `duration` t_c. The plant determines body and Reynolds number. Raises PlantError if the flow diverges. Returns the
-    state with its clock at zero and with shut jets; the plant is in this state, too. `progress` is called with (time,
-    duration) after every control period."""
+    state with its clock at zero and with shut jets; the plant is in this state, too."""
     flow = Flow.of(interpolated(state, source, wake.grid).flat.astype(wake.solver.precision), wake.grid.shape)
     pressure = flow.p.copy()
-    # A very short step fills the padding and the ghost faces, and removes the divergence. The step's pressure is an
-    # impulse, so the interpolated pressure is then restored.
+    # A very short step fills padding and ghosts, and removes the divergence; its pressure is an impulse.
     wake.solver.run(flow, dt=1e-6, steps=1, action_from=0.0, action_to=0.0)
     flow.p[:] = pressure
     wake.reset(State(flat=flow.flat, substep=0, action=0.0))
@@ -108,8 +96,6 @@ def moved(
 TOLERANCE: Final = 1e-6
 """Rate of change below which a wake counts as steady, in U_inf / t_c for velocity and in 1 / t_c for drag. The forces
 are then accurate to 1e-5, because these rates fall by a factor e in 23 t_c."""
-
-
 _UNEVEN: Final = 1e-9
 """Largest difference in U_inf between a steady state and its mirror image; a settled state is symmetric bit for bit."""
 _RATE: Final = 1e-2
@@ -118,10 +104,7 @@ slowly; the developed wake changes at a rate of about 1."""
 
 
 def settle(
-    wake: TruckWake,
-    tolerance: float = TOLERANCE,
-    longest: float = 600.0,
-    progress: Callable[[float, float], None] = lambda t, rate: None,
+    wake: TruckWake, tolerance: float = TOLERANCE, longest: float = 600.0, progress: FlowProgress = lambda t, rate: None
 ) -> tuple[State, dict[str, float]]:
     """Run the symmetric flow from rest, with shut jets, until two rates of change are below `tolerance`: the largest
     |du/dt| or |dv/dt| in U_inf / t_c, and the rate of the drag of wall and slots in 1 / t_c. Raises PlantError
@@ -137,7 +120,7 @@ def settle(
     before, drag = wake.flow.velocities.copy(), _drag(wake.sample())
     while wake.t < longest:
         wake.advance(0.0)
-        keep_even_part(wake.flow)
+        _keep_even_part(wake.flow)
         now = _drag(wake.sample())
         velocity_rate = float(np.abs(wake.flow.velocities - before).max()) / period
         drag_rate = abs(now - drag) / period
@@ -150,8 +133,7 @@ def settle(
             f"the symmetric wake is not steady after {longest:g} t_c: max |du/dt| = {velocity_rate:.2g} and "
             f"|dCd/dt| = {drag_rate:.2g} must be below {tolerance:g}"
         )
-    time = wake.t
-    state = replace(wake.state(), substep=0, action=0.0)
+    time, state = wake.t, replace(wake.state(), substep=0, action=0.0)
     sample = wake.reset(state)
     return state, {
         "Cd": sample.Cd,
@@ -166,8 +148,7 @@ def settle(
 
 def check_steady(wake: TruckWake, state: State) -> None:
     """Check that a state is the steady symmetric wake; the plant advances by one control period. Raises PlantError if
-    the flow changes or is not its own mirror image, or if the action is not zero; the message states the difference or
-    the rate, and the remedy."""
+    the flow changes or is not its own mirror image, or if the action is not zero."""
     wake.reset(state)
     flow = wake.flow
     uneven = max(float(np.abs(flow.u - flow.u[:, ::-1]).max()), float(np.abs(flow.v + flow.v[:, ::-1]).max()))
@@ -205,8 +186,7 @@ def _drag(sample: Sample) -> float:
     return sample.Cd + sample.Cd_slot
 
 
-def keep_even_part(flow: Flow) -> None:
-    """Replace the flow, in place, by its part that is symmetric about y = 0."""
+def _keep_even_part(flow: Flow) -> None:
     flow.u[:] = 0.5 * (flow.u + flow.u[:, ::-1])
     flow.v[:] = 0.5 * (flow.v - flow.v[:, ::-1])
     flow.p[:] = 0.5 * (flow.p + flow.p[:, ::-1])

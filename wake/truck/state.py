@@ -46,8 +46,7 @@ class State:
 
 
 def start_name(reynolds: float) -> str:
-    """Return the file name that messages suggest for a new start. The name contains the Reynolds number, so that the
-    file of the present start is not replaced."""
+    """Return the file name that messages suggest for a start at a Reynolds number."""
     return f"start_re{reynolds:g}.npz"
 
 
@@ -59,8 +58,7 @@ def develops(reynolds: float) -> str:
 def check_origin(
     origin: Origin | None, body: BodyConfig, reynolds: float | None = None, shape: tuple[int, int] | None = None
 ) -> None:
-    """Raise PlantError if a state does not have the plant's body, Reynolds number, or numbers of grid cells (`shape`).
-    An argument that is None is not compared."""
+    """Raise PlantError if a state does not have this body, Reynolds number or grid (`shape`). None is not compared."""
     if origin is None:
         return
     if not origin.is_of(body):
@@ -92,18 +90,10 @@ def save_state(path: Path, state: State) -> None:
     )
     # As in earlier releases, a file for the truck has no entries for the body.
     shape: dict[str, Any] = {} if origin.is_of(TRUCK_BODY) else {name: getattr(origin, name) for name in _BODY}
+    always: dict[str, Any] = {"schema": _STATE_SCHEMA, "flat": state.flat, "substep": state.substep}
+    always |= {"action": state.action, "shape": origin.shape, "reynolds": origin.reynolds}
     with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(
-            file,
-            schema=_STATE_SCHEMA,
-            flat=state.flat,
-            substep=state.substep,
-            action=state.action,
-            shape=origin.shape,
-            reynolds=origin.reynolds,
-            **clock,
-            **shape,
-        )
+        np.savez_compressed(file, **always, **clock, **shape)
 
 
 def load_state(path: Path) -> State:

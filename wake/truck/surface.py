@@ -2,12 +2,10 @@
 U_inf^2 W / 2.
 
 The body is a rectangle whose front corners may be rounded (paper, figure 1). Two slots at the edges of its base act in
-opposition: one blows while the other sucks, so that the net mass flow is zero at every instant.
-
-Each measured quantity except the slots' load is a fixed weighted sum of u, v and p, so one sparse product per control
-step gives these quantities. The wall pressure follows from a parabola along the normal. The parabola passes through two
-points in the flow; its slope at the wall follows from the momentum balance of fluid at rest. At the rounded corners, a
-straight line would give 1 % too little drag. Wall shear follows from the velocity with no slip on the wall.
+opposition: one blows while the other sucks. Each measured quantity except the slots' load is a fixed weighted sum of u,
+v and p, so one sparse product per control step gives these quantities. The wall pressure follows from a parabola along
+the normal. The parabola passes through two points in the flow; its slope at the wall follows from the momentum balance
+of fluid at rest. At the rounded corners, a straight line would give 1 % too little drag.
 
 The load on the two slot faces comes from the momentum balance of the half cell downstream of each face. The sum
 `p + u^2 - 2 nu du/dx` on the face equals its value half a cell downstream. The flux through the half cell's sides and
@@ -32,8 +30,7 @@ from wake.solver.grid import Component, Flow, Grid, bilinear
 
 
 def signed_distance(x: npt.ArrayLike, y: npt.ArrayLike, body: BodyConfig = TRUCK_BODY) -> Array:
-    """Return the distance to the outline in W, positive in the fluid. The distance is exact outside the body. Inside,
-    it is exact near the outline."""
+    """Return the distance to the outline in W, positive in the fluid; exact outside, and inside near the outline."""
     x, y = np.asarray(x, dtype=np.float64), np.abs(np.asarray(y, dtype=np.float64))
     # One box has only sharp corners. The other has only rounded corners, with the radius of the body's front.
     sharp = _box_distance(x, y, body.length, 0.0)
@@ -73,8 +70,7 @@ def slot_profile(grid: Grid) -> Array:
 Terms = defaultdict[int, float]
 
 _ARC_POINTS: Final = 64
-"""Number of quadrature points on each rounded corner. A test checks that doubling this number hardly changes the
-force."""
+"""Number of quadrature points on each rounded corner."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,25 +90,17 @@ class Measured:
 
 
 class Surface:
-    """The functionals of the flow on one grid. `viscosity` is 1 / Re; `slot_profile` (ny,) is the velocity on the faces
-    at `grid.rear` per unit action. The sensors of `layout` are on the sides and the base; no sensor is on the front."""
+    """The functionals of the flow on one grid. `viscosity` is 1 / Re; `profile` (ny,) is the velocity on the faces at
+    `grid.rear` per unit action. The sensors of `layout` are on the sides and the base; no sensor is on the front."""
 
     def __init__(
-        self,
-        grid: Grid,
-        boundary: Boundary,
-        viscosity: float,
-        slot_profile: Array,
-        body: BodyConfig,
-        layout: SensorLayout,
+        self, grid: Grid, boundary: Boundary, viscosity: float, profile: Array, body: BodyConfig, layout: SensorLayout
     ) -> None:
-        self._grid = grid
-        self._body = body
-        self._boundary = boundary
+        self._grid, self._boundary, self._body = grid, boundary, body
         self._viscosity = viscosity
         self._numbers = Flow.numbered(grid.shape)
         # Each slot's profile has flow rate 1 or -1, so the weights of each slot sum to one.
-        flow_rate = slot_profile * grid.dy
+        flow_rate = profile * grid.dy
         self._upper, self._lower = np.maximum(flow_rate, 0.0), np.maximum(-flow_rate, 0.0)
         self._slots = np.where(flow_rate != 0.0, grid.dy, 0.0)
         self._slot_stress = 4.0 * viscosity / float(grid.dx[grid.rear])
@@ -143,8 +131,7 @@ class Surface:
         )
 
     def weigh(self, bar: Flow, flow: Flow, weights: Measured) -> None:
-        """Differentiate the sum of the functionals, weighted by `weights`, with respect to the flow; add the result to
-        `bar`."""
+        """Differentiate the sum of the functionals, weighted by `weights`, by the flow; add the result to `bar`."""
         values = np.concatenate([weights.Cp, [weights.Cd, weights.Cl, weights.Uy_probe]])
         bar.flat[:] += values @ self._matrix
         face, _, between = self._at_slots(flow)
@@ -166,8 +153,8 @@ class Surface:
         return defaultdict(float, {int(numbers[face]): w for face, w in entries})
 
     def _flow_points(self, x: float, y: float, nx: float, ny: float, component: Component) -> list[tuple[float, Terms]]:
-        """Return the two nearest points on the normal at (x, y) to which `component` can be interpolated from values in
-        the fluid only. An entry has a point's distance from the wall, and the weights of the flow's values."""
+        """Return the distances from the wall of the two nearest points on the normal at (x, y) to which `component` can
+        be interpolated from values in the fluid only, each with the weights of the flow's values."""
         usable = {"u": self._boundary.open_u, "v": self._boundary.open_v, "p": self._boundary.fluid}[component]
         xs, ys = self._grid.axes(component)
         spacing = max(abs(nx) * _cell_size(self._grid.xf, x), abs(ny) * _cell_size(self._grid.yf, y))
@@ -192,7 +179,7 @@ class Surface:
     def _wall_pressure_slope(self, x: float, y: float, nx: float, ny: float) -> Terms:
         """Return the weights for the normal derivative of the kinematic pressure on a no-slip wall. By the momentum
         balance of fluid at rest, the derivative is nu d2(u.n)/dn2."""
-        terms: Terms = defaultdict(float)
+        terms = Terms(float)
         components: tuple[tuple[float, Component], ...] = ((nx, "u"), (ny, "v"))
         for factor, component in components:
             if abs(factor) > 1e-9:
@@ -209,8 +196,7 @@ class Surface:
         return _combine((d2 * d2 * scale, first), (-d1 * d1 * scale, second))
 
     def _wall_force(self) -> tuple[Terms, Terms]:
-        drag: Terms = defaultdict(float)
-        lift: Terms = defaultdict(float)
+        drag, lift = Terms(float), Terms(float)
         for x, y, nx, ny, length in self._wall_elements():
             pressure = self._wall_pressure(x, y, nx, ny)
             _add(drag, -nx * length, pressure)
@@ -226,11 +212,9 @@ class Surface:
         """Return midpoint, normal and length (x, y, nx, ny, length) of each outline element outside the slots."""
         grid, r, length = self._grid, self._body.leading_edge_radius, self._body.length
         flat = HALF_WIDTH - r
-        elements = []
-        for y, dy in _strips(grid.yf, -flat, flat):
-            elements.append((0.0, y, -1.0, 0.0, dy))
-        for y, dy in _strips(grid.yf, -HALF_WIDTH + JET_WIDTH, HALF_WIDTH - JET_WIDTH):
-            elements.append((length, y, 1.0, 0.0, dy))
+        slot = HALF_WIDTH - JET_WIDTH
+        elements = [(0.0, y, -1.0, 0.0, dy) for y, dy in _strips(grid.yf, -flat, flat)]
+        elements += [(length, y, 1.0, 0.0, dy) for y, dy in _strips(grid.yf, -slot, slot)]
         for x, dx in _strips(grid.xf, r, length):
             elements += [(x, HALF_WIDTH, 0.0, 1.0, dx), (x, -HALF_WIDTH, 0.0, -1.0, dx)]
         if r == 0.0:
@@ -248,15 +232,13 @@ def _normals(layout: SensorLayout) -> list[tuple[float, float]]:
 
 
 def _cell_size(faces: Array, at: float) -> float:
-    """Return the size of the cell around a point. For a point on a face, return the size of the larger cell beside it,
-    so that mirror images have equal sizes."""
+    """Return the size of the cell around a point, or of the larger cell beside it, as for its mirror image."""
     first, last = np.searchsorted(faces, at, side="left") - 1, np.searchsorted(faces, at, side="right")
     return float(np.diff(faces[first : last + 1]).max())
 
 
 def _strips(faces: Array, start: float, end: float) -> list[tuple[float, float]]:
-    """Return midpoints and lengths of the grid's intervals between start and end; the first and the last interval are
-    cut at `start` and `end`."""
+    """Return midpoints and lengths of the grid's intervals, cut at `start` and `end`."""
     inside = faces[(faces > start + 1e-9) & (faces < end - 1e-9)]
     edges = np.concatenate([[start], inside, [end]])
     return [(float(m), float(w)) for m, w in zip(0.5 * (edges[1:] + edges[:-1]), np.diff(edges), strict=True)]
@@ -268,7 +250,7 @@ def _add(target: Terms, factor: float, terms: Terms) -> None:
 
 
 def _combine(*parts: tuple[float, Terms]) -> Terms:
-    out: Terms = defaultdict(float)
+    out = Terms(float)
     for factor, terms in parts:
         _add(out, factor, terms)
     return out

@@ -1,7 +1,5 @@
-"""The sensitivities of a sequence of control periods. The plant's periods are recorded while the plant advances, then
-differentiated backwards, one at a time. So a controller in the loop can be differentiated with the plant.
-`DifferentiableWake` is the plant with its tape for `contract.differentiable`.
-"""
+"""The sensitivities of a sequence of control periods, which are recorded while the plant advances, then differentiated
+backwards, one at a time. So a controller in the loop can be differentiated with the plant."""
 
 from dataclasses import dataclass, replace
 from functools import partial
@@ -22,8 +20,6 @@ from wake.truck.state import State
 from wake.truck.surface import MOMENTUM_FACTOR, Measured
 from wake.truck.truck_wake import TruckWake
 
-_MEGABYTE = 1e6
-
 
 @dataclass(kw_only=True, eq=False)
 class _Period:
@@ -40,18 +36,13 @@ class Tape(CopiedWhole):
     """A record of a plant's control periods from the present state on. It propagates sensitivities back over these
     periods.
 
-    The flow at the start of each time step is stored. When the memory is full, only the flow at the period's start
-    remains for each of the oldest periods; `back` computes these periods a second time. Raises PlantError if the plant
-    is within a control period. A copy has its own plant.
-
-    Args:
-        plant: plant at the beginning of a control period; its wind must not change.
-        memory_mb: limit of the stored data, in 10^6 bytes.
+    The flow at the start of each time step is stored, up to a limit in 10^6 bytes. When the memory is full, only the
+    flow at the period's start remains for each of the oldest periods; `back` computes these periods a second time. The
+    plant's wind must not change. Raises PlantError if the plant is within a control period. A copy has its own plant.
 
     Attributes:
-        bar: sensitivities of a scalar to the flow at the instant that `back` has reached. The scalar is the weighted
-            sum of the samples that `back` has passed.
-        bar_action: the scalar's sensitivity to the action in force at that instant.
+        bar, bar_action: sensitivities of a scalar to flow and action at the instant that `back` has reached. The scalar
+            is the weighted sum of the samples that `back` has passed.
         memory_mb: size of the data stored since the tape's start, in 10^6 bytes.
     """
 
@@ -77,7 +68,7 @@ class Tape(CopiedWhole):
         plant, substeps = self._plant, self._plant.config.substeps
         if not np.array_equal(self._end, plant.flow.flat):
             raise PlantError("the plant is not at the end of the tape: call `restart` before the next window")
-        flow_mb = self._end.nbytes / _MEGABYTE
+        flow_mb = self._end.nbytes / 1e6
         self._make_room(flow_mb, substeps)
         period = _Period(
             start=plant.flow.flat.copy(),
@@ -119,8 +110,7 @@ class Tape(CopiedWhole):
     def restart(self) -> None:
         """Empty the tape, and begin again at the plant's present state with the same memory. Raises PlantError if the
         plant is within a control period."""
-        into = self._plant.substeps_into_period
-        if into:
+        if into := self._plant.substeps_into_period:
             raise PlantError(f"a tape begins at a control period's start, but the plant is {into} steps after it")
         self._spare += [period.steps for period in self._periods if period.steps is not None]
         self._periods.clear()
@@ -141,8 +131,7 @@ class Tape(CopiedWhole):
             self.bar_action += weights.jet_power * (measured.Cp_upper - measured.Cp_lower)
 
     def _memory(self, steps: int) -> Array:
-        """Return memory for the flow at each step's start. Memory of earlier periods is reused, because the system
-        takes time to map new pages."""
+        """Return memory for `steps` flows. It is reused, because the system takes time to map new pages."""
         while self._spare:
             if len(spare := self._spare.pop()) == steps:
                 return spare
@@ -174,8 +163,7 @@ MEMORY_MB: Final = 7000.0
 """Limit of the tape's memory, in 10^6 bytes. The flow of 125 control periods takes 2000 x 10^6 bytes on the mesh of
 `stillwake refine` and 6900 x 10^6 on the default mesh. Beyond the limit, the tape computes steps a second time."""
 AT_REST: Final = 60.0
-"""Time for which the wake without jets settles at a speed (twelve cycles), and then time over which it is averaged. The
-unit is the convective time at that speed."""
+"""Time in which the wake without jets settles (twelve cycles), and then is averaged, in t_c at its speed."""
 
 
 class DifferentiableWake(CopiedWhole):
@@ -193,7 +181,7 @@ class DifferentiableWake(CopiedWhole):
         plant, config = self.plant, self._config
         plant.config = at_speed(config, float(speeds.max()))
         times, faster = config.control_period * np.arange(len(speeds), dtype=np.float64), speeds - 1.0
-        plant.wind = partial(_between, times=times, values=faster) if faster.any() else None
+        plant.wind = partial(np.interp, xp=times, fp=faster) if faster.any() else None
         plant.reset(State(flat=state.flat, substep=0, action=state.action))
         self._speeds = speeds
         self._tape.restart()
@@ -219,8 +207,7 @@ class DifferentiableWake(CopiedWhole):
 
     def at_rest(self, state: FlowState, speed: float, over: float = AT_REST) -> tuple[float, float] | None:
         """Return two means for the wake without jets: Cp on the base, and the |Cp difference| of sensor pairs. Return
-        None if no sensor is on the base. The wake settles for `over` convective times at this speed, and is then
-        averaged over the same time."""
+        None if no sensor is on the base. The wake settles for `over` convective times and is averaged as long."""
         on_base = np.isin(self._columns, self.plant.layout.base)
         if not on_base.any():
             return None
@@ -237,14 +224,9 @@ class DifferentiableWake(CopiedWhole):
 
     @property
     def _speed(self) -> float:
-        """The speed at the last sample of the tape, divided by the design speed."""
         return float(self._speeds[len(self._tape)])
 
     def _seen(self) -> Seen:
         sample, speed = self.plant.sample(), self._speed
         q = speed**2
         return Seen(Cp=sample.Cp[self._columns] / q, Cd=sample.Cd / q, Cl=sample.Cl / q, Uy=sample.Uy_probe / speed)
-
-
-def _between(t: float, *, times: Array, values: Array) -> float:
-    return float(np.interp(t, times, values))

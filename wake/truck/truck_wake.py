@@ -1,8 +1,7 @@
 """The plant: the wake of the truck, or of another box, with its jets, advanced one control period at a time.
 
-The timing follows the project's convention. Sample k holds pressures and forces at t_k; the jet then ramps linearly
-from the action in force to the newly commanded action until t_{k+1}. If a command arrives late, its ramp starts late
-but ends at t_{k+1}. In a co-simulation, `advance_to` determines when a command arrives.
+Sample k holds pressures and forces at t_k; the jet then ramps linearly from the action in force to the newly commanded
+action until t_{k+1}. If a command arrives late (`advance_to`), its ramp starts late but ends at t_{k+1}.
 """
 
 from dataclasses import replace
@@ -30,13 +29,8 @@ class TruckWake(CopiedWhole, SteppedPlant):
     PlantError if the time step is too large for this grid.
 
     A copy is an independent plant that continues bit for bit like the original. If `wind` can be pickled, the same
-    holds for a pickle.
-
-    Args:
-        config: Reynolds number, control period, substeps, action bound and the grid's refinement.
-        body: the truck by default.
-        precision: precision of the flow. np.float32 takes about half the time of np.float64; it is meant for training
-            with gradients through the solver. Samples are float64.
+    holds for a pickle. np.float32 as the flow's `precision` takes about half the time of np.float64; it is meant for
+    training with gradients through the solver. Samples are float64.
 
     Attributes:
         layout: the sensors, in the order of a sample's Cp.
@@ -75,21 +69,27 @@ class TruckWake(CopiedWhole, SteppedPlant):
     def reset(self, state: State) -> Sample:
         """Continue from a state, bit for bit. Raises PlantError if the body, grid, Reynolds number or clock of the
         state and the plant differ, or the state is not finite."""
-        if state.origin is not None:
-            self._check_origin(state.origin, state.substep)
+        origin, config = state.origin, self.config
+        check_origin(origin, self.body, config.reynolds, self.grid.shape)
+        clock = None if origin is None or origin.substeps is None else (origin.control_period, origin.substeps)
+        # A state at t = 0 can continue with any control period and any number of substeps.
+        if state.substep and clock is not None and clock != (config.control_period, config.substeps):
+            raise PlantError(
+                f"flow state is at step {state.substep} of a clock with {clock[1]} substeps in "
+                f"{clock[0]} t_c, this plant has {config.substeps} in {config.control_period}"
+            )
         if state.flat.shape != self.flow.flat.shape:
             raise PlantError(f"flow state has {state.flat.size} values, this grid needs {self.flow.flat.size}")
         if not np.isfinite(state.flat).all():
             raise PlantError("flow state holds values that are not finite")
-        if not abs(state.action) <= self.config.action_limit * (1.0 + 1e-12):
-            raise PlantError(f"flow state has action {state.action}: must be within +-{self.config.action_limit}")
+        if not abs(state.action) <= config.action_limit * (1.0 + 1e-12):
+            raise PlantError(f"flow state has action {state.action}: must be within +-{config.action_limit}")
         self.flow.flat[:] = state.flat
         self._substep, self._action = state.substep, state.action
         return self.sample()
 
     def set_reynolds(self, reynolds: float) -> None:
-        """Continue with the viscosity of another Reynolds number. Later states also have this number. Raises PlantError
-        if dt is too large."""
+        """Continue with the viscosity of another Reynolds number. Raises PlantError if dt is too large."""
         config = replace(self.config, reynolds=reynolds)
         self._check_step(config)
         self.config = config
@@ -98,8 +98,7 @@ class TruckWake(CopiedWhole, SteppedPlant):
 
     def scale(self, ratio: float) -> None:
         """Scale the flow to a stream of `ratio` times the present speed: velocities are multiplied by the ratio,
-        pressures by its square. The viscosity does not change, so the scaled flow has to settle to the developed wake
-        of its new Reynolds number."""
+        pressures by its square. The viscosity does not change, so the scaled flow has to settle."""
         self.flow.velocities[:] *= ratio
         self.flow.p[:] *= ratio * ratio
 
@@ -125,22 +124,14 @@ class TruckWake(CopiedWhole, SteppedPlant):
         `FlowSolver.run`. Raises PlantError if the substep is not later in this period, if the action is not finite or
         exceeds the bound, or if the flow diverges."""
         steps, reached, in_force = self._ramp(substep, action)
-        self.solver.run(
-            self.flow,
-            dt=self.dt,
-            steps=steps,
-            action_from=self._action,
-            action_to=reached,
-            wind=self.wind_from(self.t),
-            starts=starts,
-        )
+        ramp, wind = {"action_from": self._action, "action_to": reached}, self.wind_from(self.t)
+        self.solver.run(self.flow, dt=self.dt, steps=steps, wind=wind, starts=starts, **ramp)
         self._substep += steps
         self._action = in_force
 
     def sample(self) -> Sample:
         measured, a = self.surface.measure(self.flow), self._action
-        # The jets' kinetic power, the integral of u^3 over both slots, is zero, because one slot blows and the other
-        # sucks. So the power of the jets is only the power of the pressure.
+        # The jets' kinetic power, the integral of u^3 over both slots, is zero: one slot blows and the other sucks.
         return Sample(
             t=self.t,
             Cp=measured.Cp,
@@ -175,21 +166,10 @@ class TruckWake(CopiedWhole, SteppedPlant):
         )
 
     def _surface(self) -> Surface:
-        viscosity = 1.0 / self.config.reynolds
-        return Surface(self.grid, self.boundary, viscosity, self._profile, self.body, self.layout)
+        nu = 1.0 / self.config.reynolds
+        return Surface(self.grid, self.boundary, nu, self._profile, self.body, self.layout)
 
     def wind_from(self, t: float) -> Wind | None:
         """Return a function of the time since t that gives the wind's excess over U_inf; None if the wind is steady."""
         wind = self.wind
         return None if wind is None else lambda after: wind(t + after)
-
-    def _check_origin(self, origin: Origin, substep: int) -> None:
-        config = self.config
-        check_origin(origin, self.body, config.reynolds, self.grid.shape)
-        # A state at t = 0 can continue with any control period and any number of substeps.
-        clock = (origin.control_period, origin.substeps)
-        if substep != 0 and clock not in ((None, None), (config.control_period, config.substeps)):
-            raise PlantError(
-                f"flow state is at step {substep} of a clock with {origin.substeps} substeps in "
-                f"{origin.control_period} t_c, this plant has {config.substeps} in {config.control_period}"
-            )

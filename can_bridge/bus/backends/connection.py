@@ -21,16 +21,9 @@ SETTLE_S: Final = 2.0
 OWN_CONFIGURATION: Final = "python-can"
 """Value of `bus.interface` that lets python-can's own configuration (can.conf, environment) select the interface."""
 
-_SAMPLE_POINT: Final = 80.0
-"""Position of the sample point in a bit, in percent, at both bit rates."""
-_CLOCK_HZ: Final = 80_000_000
-
-_OF_EXTRA_BUS: Final = ("udp_multicast", "slcan")
-
 
 def open_backend(config: BusConfig) -> tuple[can.BusABC, str]:
-    """Open the configured bus. Return the bus and the name of its interface in python-can. Raises BusError if the
-    interface is unknown or the bus cannot be opened."""
+    """Open the configured bus, and return it with its python-can interface. Raises BusError if it cannot be opened."""
     _check_known(config.interface)
     # Vendors' drivers raise exceptions of any type, for example if the driver's library is missing.
     try:
@@ -41,8 +34,8 @@ def open_backend(config: BusConfig) -> tuple[can.BusABC, str]:
             interface, options = config.interface, {"channel": config.channel, **_options(config)}
         return _constructed(interface, options), interface
     except Exception as error:
-        missing = isinstance(error, ImportError | can.CanInterfaceNotImplementedError)
-        hint = f"; {install('bus')}" if missing and config.interface in _OF_EXTRA_BUS else ""
+        is_missing = isinstance(error, ImportError | can.CanInterfaceNotImplementedError)
+        hint = f"; {install('bus')}" if is_missing and config.interface in ("udp_multicast", "slcan") else ""
         raise BusError(f"CAN bus {config.interface} {config.channel!r}: {one_line(error)}{hint}") from error
 
 
@@ -54,9 +47,9 @@ def one_line(error: BaseException) -> str:
 def _check_known(interface: str) -> None:
     known = (OWN_CONFIGURATION, *sorted(can.VALID_INTERFACES))
     if interface not in known:
-        is_ours = interface == SIMULATED
-        reason = "it runs in virtual time, without real devices" if is_ours else "python-can does not know it"
-        allowed = known if is_ours else (SIMULATED, *known)
+        reason, allowed = "python-can does not know it", (SIMULATED, *known)
+        if interface == SIMULATED:
+            reason, allowed = "it runs in virtual time, without real devices", known
         raise BusError(f"bus.interface = {interface}: {reason}; must be one of {', '.join(allowed)}")
 
 
@@ -69,20 +62,15 @@ def _options(config: BusConfig) -> Mapping[str, Any]:
         case "udp_multicast":
             return {"hop_limit": 0}
         case "slcan" if is_fd:
-            timing = can.BitTimingFd.from_sample_point(
-                f_clock=_CLOCK_HZ,
-                nom_bitrate=config.nominal_bitrate,
-                nom_sample_point=_SAMPLE_POINT,
-                data_bitrate=config.data_bitrate,
-                data_sample_point=_SAMPLE_POINT,
-            )
+            # The clock in Hz; then each phase's bit rate, and the position of its sample point in a bit, in percent.
+            phases = config.nominal_bitrate, 80.0, config.data_bitrate, 80.0
+            timing = can.BitTimingFd.from_sample_point(80_000_000, *phases)
             return {"timing": timing, "sleep_after_open": SETTLE_S}
         case "slcan":
             return {"bitrate": config.nominal_bitrate, "sleep_after_open": SETTLE_S}
         case "socketcan":
             return {"fd": is_fd}
-    rates = {"bitrate": config.nominal_bitrate, **({"data_bitrate": config.data_bitrate} if is_fd else {})}
-    return {"fd": is_fd, **rates}
+    return {"fd": is_fd, "bitrate": config.nominal_bitrate} | ({"data_bitrate": config.data_bitrate} if is_fd else {})
 
 
 def _constructed(interface: str, options: dict[str, Any]) -> can.BusABC:
@@ -127,15 +115,13 @@ class OpenBus(NeverCopied):
         self.close()
 
     def _send(self, message: can.Message, name: str, timeout_s: float) -> None:
-        """Send a message. Raises BusError if the bus fails or does not accept the message in time."""
         try:
             self._bus.send(message, timeout=timeout_s)
         except (can.CanError, OSError, ValueError) as error:
             raise BusError(f"frame {name} was not sent: {one_line(error)}") from error
 
     def _received(self, timeout_s: float) -> can.Message | Rejection | None:
-        """Receive once. Return a message, the reason why the received data are not a message, or None if nothing was
-        received. Raises BusError if the bus failed or delivers only garbage."""
+        """Receive once: return a message, why the data are none, or None. Raises BusError if only garbage arrives."""
         try:
             message = self._bus.recv(timeout=timeout_s)
         except UnusableReceptionError as refused:

@@ -36,8 +36,7 @@ _LENGTH: Final = 8
 
 
 def health_after(health: BusHealth, classes: int, data: bytes) -> BusHealth:
-    """Return the controller's health after one error frame. `classes` is the error frame's identifier without its
-    flags. An error frame that does not have eight data bytes changes nothing."""
+    """Return the health after one error frame; `classes` is its identifier without flags. Only eight bytes count."""
     if len(data) != _LENGTH:
         return health
     controller = data[1] if classes & _CONTROLLER else 0
@@ -85,6 +84,9 @@ RECEPTION_LIMIT: Final = 4 * QUEUE_SIZE
 
 _IS_FD: Final = {CanId(spec.frame_id): spec.is_fd for spec in SPECS}
 
+_Accept = Collection[CanId | int] | None
+_Keep = Callable[[Frame, bool], None]
+
 
 class PythonCanBus(OpenBus):
     """A node's connection to a python-can bus. One thread may send while another thread receives."""
@@ -93,10 +95,10 @@ class PythonCanBus(OpenBus):
         self,
         bus: can.BusABC,
         *,
-        accept: Collection[CanId | int] | None = None,
+        accept: _Accept = None,
         is_classic: bool = False,
         linux_error_frames: bool = False,
-        keep: Callable[[Frame, bool], None] = lambda frame, received: None,
+        keep: _Keep = lambda frame, received: None,
     ) -> None:
         """Take over an open python-can bus. Closing this object closes the bus.
 
@@ -120,27 +122,15 @@ class PythonCanBus(OpenBus):
         self.accepted = 0
 
     @classmethod
-    def open(
-        cls,
-        config: BusConfig,
-        *,
-        accept: Collection[CanId | int] | None = None,
-        keep: Callable[[Frame, bool], None] = lambda frame, received: None,
-    ) -> Self:
+    def open(cls, config: BusConfig, *, accept: _Accept = None, keep: _Keep = lambda frame, received: None) -> Self:
         """Open the configured bus; for `accept` and `keep` see the constructor. Raises BusError as `open_backend` does.
 
-        A `virtual` bus passes on the senders' timestamps. The other buses stamp frames on reception, in ns since the
-        epoch, with the resolution of a float in s. `socketcan` uses the bit rates of its network device. Frames on
-        `udp_multicast` do not leave this machine.
+        A `virtual` bus passes on the senders' timestamps; others stamp frames on reception, in ns since the epoch, with
+        a float's resolution. `socketcan` uses its device's bit rates; frames on `udp_multicast` stay on this machine.
         """
         bus, interface = open_backend(config)
-        return cls(
-            bus,
-            accept=accept,
-            is_classic=config.frames == "classic",
-            linux_error_frames=interface == "socketcan",
-            keep=keep,
-        )
+        is_classic, is_linux = config.frames == "classic", interface == "socketcan"
+        return cls(bus, accept=accept, is_classic=is_classic, linux_error_frames=is_linux, keep=keep)
 
     @property
     def rejected(self) -> Mapping[Rejection, int]:
@@ -171,8 +161,7 @@ class PythonCanBus(OpenBus):
         return self._health
 
     def send(self, frame: Frame, *, timeout_s: float = 0.005) -> None:
-        """Send one frame. Raises BusError if the bus failed, if it does not accept the frame in time, or for a CAN FD
-        frame on a classic bus."""
+        """Send one frame. Raises BusError if the bus fails or is too slow, or for a CAN FD frame on a classic bus."""
         if frame.is_fd and self._is_classic:
             raise BusError(f"frame {frame.frame_id:#05x} was not sent: it is CAN FD, but bus.frames = classic")
         self._send(to_message(frame), f"{frame.frame_id:#05x}", timeout_s)
@@ -184,7 +173,7 @@ class PythonCanBus(OpenBus):
         while True:
             left = max(0.0, deadline - time.monotonic())
             message = self._received(left)
-            frame = self._taken(message)
+            frame = None if message is None else self._taken(message)
             if frame is not None or message is None or left == 0.0:
                 return frame
 
@@ -192,20 +181,13 @@ class PythonCanBus(OpenBus):
         """Return up to QUEUE_SIZE arrived frames, oldest first, without waiting. Raises BusError as `receive` does."""
         frames: list[Frame] = []
         for _ in range(RECEPTION_LIMIT):
-            message = self._received(0.0)
-            if message is None:
+            if len(frames) == QUEUE_SIZE or (message := self._received(0.0)) is None:
                 break
-            frame = self._taken(message)
-            if frame is not None:
+            if (frame := self._taken(message)) is not None:
                 frames.append(frame)
-                if len(frames) == QUEUE_SIZE:
-                    break
         return frames
 
-    def _taken(self, message: can.Message | Rejection | None) -> Frame | None:
-        """Count a reception, and return its frame if the frame is accepted."""
-        if message is None:
-            return None
+    def _taken(self, message: can.Message | Rejection) -> Frame | None:
         frame = message if isinstance(message, Rejection) else self._judged(message)
         self.received += 1
         if isinstance(frame, Rejection):
@@ -230,10 +212,6 @@ class PythonCanBus(OpenBus):
         if (frame.is_fd and self._is_classic) or _IS_FD.get(frame.identifier, frame.is_fd) != frame.is_fd:
             return Rejection.WRONG_FORMAT
         return frame
-
-
-POLL_S: Final = 0.05
-"""Longest time in s that the thread waits for one frame. Stopping the thread takes at most this time."""
 
 
 class ReceiveThread:
@@ -261,14 +239,13 @@ class ReceiveThread:
         self._thread.join()
 
     def close(self) -> None:
-        """Stop the thread and close the bus."""
         self.__exit__()
         self.bus.close()
 
     def _run(self) -> None:
         try:
             while not self._stop.is_set():
-                if (frame := self.bus.receive(POLL_S)) is not None:
+                if (frame := self.bus.receive(0.05)) is not None:  # stopping takes at most this time in s
                     self._deliver(frame)
         except BaseException as error:  # noqa: BLE001 - an error that ends a thread is lost unless it is stored
             self.fault = error

@@ -25,15 +25,10 @@ _STAMP_DIGITS: Final = 4
 """Number of digits of the time stamp that an adapter can append to a line; ignored, because it wraps every minute."""
 
 _ENDS: Final = re.compile(rb"[\r\a]")
-_BEL: Final = 0x07
 _CR: Final = b"\r"
 
 LINE_LIMIT: Final = 256
 """Largest number of bytes of a line; a longer line counts as unreadable. A valid line has at most 143 bytes."""
-_CHUNK: Final = 4096
-
-OPENING_TIMEOUT_S: Final = 2.0
-"""Longest time in s for one command while an adapter is being opened; python-can sets no limit."""
 
 
 def why_refused(line: bytes) -> Rejection | None:
@@ -76,12 +71,10 @@ class SlcanBus(slcanBus):
     def _fill(self, *, wait: bool) -> None:
         """Read the bytes that have arrived; with `wait`, wait for the first byte up to the port's time limit."""
         port = self._open_port()
-        waiting = port.in_waiting
-        if waiting or wait:
-            self._buffer += port.read(min(max(1, waiting), _CHUNK))
+        if (waiting := port.in_waiting) or wait:
+            self._buffer += port.read(min(max(1, waiting), 4096))
 
     def _next_line(self) -> bytes | None:
-        """Return the next complete line without its line end; None if no complete line has arrived."""
         if (end := _ENDS.search(self._buffer)) is None:
             if len(self._buffer) > LINE_LIMIT:
                 self._buffer.clear()
@@ -89,7 +82,7 @@ class SlcanBus(slcanBus):
             return None
         line, ended_by = bytes(self._buffer[: end.start()]), self._buffer[end.start()]
         del self._buffer[: end.end()]
-        if ended_by == _BEL:
+        if ended_by == ord("\a"):
             raise UnusableReceptionError(Rejection.GARBAGE if line else Rejection.ADAPTER)
         return line
 
@@ -104,7 +97,8 @@ class SlcanBus(slcanBus):
         line = string.encode() + _CR
         if self._line_cut:
             line = _CR + line
-        limit = OPENING_TIMEOUT_S if port.write_timeout is None else port.write_timeout
+        # While an adapter is being opened, python-can sets no limit.
+        limit = 2.0 if port.write_timeout is None else port.write_timeout
         deadline = time.monotonic() + limit
         written = 0
         try:

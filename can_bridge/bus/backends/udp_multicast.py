@@ -77,8 +77,7 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
     """A node in this machine's multicast group. It raises `UnusableReceptionError` for unusable and own datagrams."""
 
     def __init__(self, channel: str = PythonCanUdpMulticastBus.DEFAULT_GROUP_IPv6, **options: Any) -> None:
-        """Join the group at an IPv4 or IPv6 multicast address, with options of python-can's backend. This bus always
-        accepts CAN FD frames; the caller distinguishes them from classic frames."""
+        """Join the group at a multicast address, with options of python-can's backend; CAN FD is always accepted."""
         try:
             super().__init__(channel, **(options | {"fd": True}))
         except BaseException:
@@ -90,10 +89,9 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
         if sys.platform == "linux":
             with suppress(PermissionError):  # without the privilege, the system's limit applies
                 sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_QUEUE)
-            four = self._multicast.ip_version == 4
-            level, option = (
-                (socket.IPPROTO_IP, _IP_MULTICAST_ALL) if four else (socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL)
-            )
+            level, option = socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL
+            if self._multicast.ip_version == 4:
+                level, option = socket.IPPROTO_IP, _IP_MULTICAST_ALL
             with suppress(OSError):  # a kernel before 4.20 has no such option for IPv6
                 sock.setsockopt(level, option, 0)
         self._remember_nothing()
@@ -103,7 +101,6 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
         self._echoes: deque[bytes] = deque(maxlen=_ECHOES)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """See `can.BusABC.send`."""
         datagram = pack_message(msg)
         with self._lock:
             self._echoes.append(datagram)

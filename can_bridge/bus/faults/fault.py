@@ -153,11 +153,9 @@ def wrap(bus: Bus, faults: Sequence[BusFault], clock: NowNs, *, seed: int = 0, f
     """Return the port with these faults applied to it.
 
     Args:
-        faults: faults in their order from the bus to the node: the first fault acts first on a received frame, and last
-            on a sent frame.
+        faults: faults in order from the bus to the node: the first acts first on received and last on sent frames.
         clock: returns the present time in ns; the spans of the faults refer to this time.
-        seed: random seed; equal faults, frames, times and seeds give equal results. Each fault has a random generator
-            of its own, so that its random numbers do not depend on the other faults.
+        seed: random seed; equal faults, frames, times and seeds give equal results. Each fault draws for itself.
         first: number of faults that earlier calls applied to this port, so that no random sequence is used twice.
     """
     injectors: list[Injector] = []

@@ -78,8 +78,7 @@ class Duplicate(SidedFault, section="duplicate"):
 
 @dataclass(frozen=True, kw_only=True)
 class Delay(FrameFault, section="delay"):
-    """A fault that holds frames in a queue until the delay since their arrival (`Injector.arrived`) has passed. Frames
-    keep their order. `acted` counts the late frames."""
+    """A fault that holds frames for a time from `Injector.arrived` on, in order. `acted` counts the late frames."""
 
     delay_s: NonNegative[float]
     """Smallest delay in s."""
@@ -171,7 +170,8 @@ class FlipBits(SidedFault, section="flip_bits"):
         spec = _spec_of(frame) if self.before_crc else None
         if self.before_crc and spec is None:
             return frame
-        places = range(8 * len(frame.data)) if spec is None else payload_bits(spec)
+        first_bit = 0 if spec is None else profile_of(spec).header_bits
+        places = range(first_bit, 8 * len(frame.data))  # bit j of byte i has position 8 * i + j
         changed = bytearray(frame.data)
         for place in random.sample(places, min(self.bits, len(places))):
             changed[place // 8] ^= 1 << place % 8
@@ -212,19 +212,10 @@ def _spec_of(frame: Frame) -> MessageSpec | None:
     return spec
 
 
-def payload_bits(spec: MessageSpec) -> range:
-    """Return the positions of the message's bits after the header. Bit j of byte i has position 8 * i + j."""
-    return range(profile_of(spec).header_bits, 8 * spec.protected)
-
-
 def _reprotected(frame: Frame, data: bytes, spec: MessageSpec) -> Frame:
-    """Return the frame with new data, the frame's own counter and a valid CRC."""
     profile = profile_of(spec)
     protected = profile.protect(data, data_id=spec.data_id, counter=profile.counter_of(frame.data))
     return replace(frame, data=protected)
-
-
-_INTERMISSION: Final = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,6 +242,7 @@ class WireErrors(Span, section="wire_errors"):
             # The index of the first wrong bit is distributed geometrically, because the bits are independent.
             draw = random.random()
             place = 0 if rate == 1.0 else int(log1p(-draw) / log1p(-rate))
-            return place if place < sum(sent_bits(frame).total) - _INTERMISSION else None
+            intermission = 3
+            return place if place < sum(sent_bits(frame).total) - intermission else None
 
         return first_wrong_bit

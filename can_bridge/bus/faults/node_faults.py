@@ -19,8 +19,7 @@ class Disconnect(BusFault, section="disconnect"):
     before a "device_gone" span and were not read by then are delivered after the span."""
 
     kind: Literal["open_wire", "device_gone"] = "open_wire"
-    """Kind of the fault. "open_wire": the bus is silent, and the node sees no error when it sends. "device_gone": every
-    call raises BusError, as with an unplugged adapter."""
+    """open_wire: the bus is silent, and sending causes no error; device_gone: every call raises BusError."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
         """Discard the frames of the span. Both functions raise BusError while the device is gone."""

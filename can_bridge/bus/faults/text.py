@@ -10,6 +10,7 @@ the same name as its fault, only the parameter is written: `reynolds=700` (a dis
 """
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import MISSING, fields
 from math import inf
 from typing import Any, Final, Literal, TypeVar, get_args, get_origin, get_type_hints
@@ -30,14 +31,12 @@ _SPAN: Final = ("start_s", "end_s")
 
 
 def parse_fault(text: str) -> BusFault:
-    """Return the fault that a text describes. Raises a ConfigError that states the text and the wrong part if a part is
-    unknown, missing, of a wrong type or out of bounds."""
+    """Return the fault that a text describes. Raises ConfigError, which states the text and the part that is wrong."""
     return parse_described(text, BUS_FAULTS, "fault")
 
 
 def parse_described(text: str, kinds: Mapping[str, type[S]], noun: str) -> S:
-    """Return the value that a text describes. `kinds` has the possible classes by name; error messages call the value
-    a `noun`. Raises ConfigError as `parse_fault` does."""
+    """Return the value that a text describes, of the classes `kinds` by name; `noun` names it in the ConfigError."""
     described = f"{noun} {text!r}"
     head, at, span = text.partition("@")
     name, colon, parameters = head.partition(":")
@@ -86,30 +85,24 @@ def text_of(described: Span) -> str:
 def _span(text: str, described: str, kind: type[Span]) -> tuple[float, float]:
     start, dots, end = text.strip().removesuffix("s").partition("..")
     instant = issubclass(kind, Instant)
-    try:
+    with suppress(ValueError):
         if instant and not dots:
             return float(start), inf
         if dots and not instant:
             return float(start or 0.0), float(end or inf)
-    except ValueError:
-        pass
-    wording = "a time" if instant else "START..END"
-    either = "" if instant else "; START or END may be left out"
-    raise ConfigError(f"{described}: {text!r} must be {wording} in seconds{either}")
+    wording = "a time in seconds" if instant else "START..END in seconds; START or END may be left out"
+    raise ConfigError(f"{described}: {text!r} must be {wording}")
 
 
 def _value(text: str, hint: Any) -> Any:
-    """Convert a parameter's text to the parameter's type. Raises ValueError if this is not possible."""
     if get_origin(hint) is tuple:
         return tuple(_value(part, get_args(hint)[0]) for part in text.split("+"))
     if get_origin(hint) is Literal:
         if text not in get_args(hint):
             raise ValueError
         return text
-    if hint is bool:
-        if text not in ("true", "false"):
-            raise ValueError
-        return text == "true"
+    if hint is bool:  # any other text raises ValueError
+        return bool(("false", "true").index(text))
     if hint is str:
         return text
     return int(text, 0) if hint is int else float(text)

@@ -84,8 +84,7 @@ class AttemptOutcome(NamedTuple):
 
     Attributes:
         frame: frame that the nodes with the verdict HEARD receive.
-        used: number of bits at the nominal bit rate and number of bits at the data bit rate, from the start of frame to
-            the end of frame or to the error.
+        used: numbers of bits at the nominal and at the data bit rate, from the start of frame to its end or the error.
         rest: number of nominal bits from the last bit of `used` until the bus is free.
     """
 
@@ -156,8 +155,7 @@ def _collide(
     sent: Mapping[SimulatedPort, SentBits], verdicts: dict[SimulatedPort, AttemptVerdict]
 ) -> tuple[list[SimulatedPort], int | None]:
     """Return the remaining senders, and the position at which an error flag ends their frames; None for equal frames.
-    At the first difference, the sender of a recessive bit has a bit error. If that node is error-passive, its flag is
-    recessive and all other nodes continue."""
+    At the first difference, a sender of a recessive bit has a bit error; if it is error-passive, others continue."""
     senders = list(sent)
     while len({sent[port].stuffed for port in senders}) > 1:
         columns = zip(*(sent[port].stuffed for port in senders), strict=False)

@@ -5,12 +5,10 @@ Every node has a port with a queue (`can_bridge.bus.simulated.port`) and a contr
 
 Time passes only in `advance_to` and `advance_until`, and jumps from event to event. A frame that begins at the present
 time waits until time passes, because other nodes can still send at that instant and take part in the arbitration.
-
-The caller's functions `corrupts` and `mishears` state which bits are wrong on the bus. All other faults wrap a port.
 """
 
 import heapq
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from operator import itemgetter
 from typing import Final, NamedTuple
@@ -31,8 +29,7 @@ during the wait, the waiting node may send right after that frame, because the f
 
 
 class Transmission(NamedTuple):
-    """A frame that was sent over the bus, stamped with `end_ns`. The successful attempt lasted from `begin_ns` to
-    `end_ns`, without the intermission."""
+    """A frame that was sent, stamped with `end_ns`; the attempt took `begin_ns` to `end_ns` without intermission."""
 
     frame: Frame
     sender: str
@@ -73,8 +70,7 @@ class SimulatedBus:
         capture: called with every frame sent over the bus, stamped with the end of frame, in the order of time.
         observe: called with a `Transmission` for each frame sent over the bus.
         corrupts: returns the bit that is wrong for all nodes; called once for each attempt, with the sender's name. A
-            position after the frame means the frame's last bit. Receivers do not check this bit, so they accept the
-            frame, and also accept it when it is repeated.
+            position after the frame means its last bit, which receivers do not check: they get the frame twice.
         mishears: returns the bit that only one receiver sees wrong; called once for each attempt and each receiver,
             with the receiver's name.
     """
@@ -119,32 +115,28 @@ class SimulatedBus:
         return BusActivity(self._frames, self._error_frames, self._busy_ns, self.now_ns)
 
     def call_at(self, at_ns: int, action: Callable[[], None]) -> None:
-        """Run `action` when the bus's time reaches `at_ns`: after the frames that arrive at `at_ns`, and before the
-        arbitration at `at_ns`. Raises ValueError for a time in the past."""
+        """Run `action` at `at_ns`, after frames that arrive then, before the arbitration. Raises ValueError if past."""
         if at_ns < self.now_ns:
             raise ValueError(f"cannot call at {at_ns} ns: the bus is at {self.now_ns} ns already")
         self._serial += 1
         heapq.heappush(self._calls, (at_ns, self._serial, action))
 
     def advance_to(self, t_ns: int) -> None:
-        """Advance the time to `t_ns`. All events up to and including `t_ns` are handled, except frames that begin at
-        `t_ns`. Raises ValueError for a time in the past."""
+        """Advance to `t_ns`, with all events up to it except frames that begin at it. Raises ValueError if past."""
         self.advance_until(t_ns, lambda: False)
 
     def advance_until(self, t_ns: int, stop: Callable[[], bool]) -> bool:
-        """Advance the time as `advance_to` does, but at most to the first event after which `stop()` is true. Return
-        whether `stop()` was true."""
+        """Do as `advance_to`, but stop at the first event after which `stop()` is true; return whether it was true."""
         if t_ns < self.now_ns:
             raise ValueError(f"cannot advance to {t_ns} ns: the bus is at {self.now_ns} ns already")
         while (due := self._next_event()) is not None and due[0] <= t_ns:
             at_ns, happen = due
+            if happen is None and at_ns == t_ns:
+                break
+            self.now_ns = at_ns
             if happen is None:
-                if at_ns == t_ns:
-                    break
-                self.now_ns = at_ns
                 self._begin(at_ns)
                 continue
-            self.now_ns = at_ns
             happen()
             if stop():
                 return True
@@ -169,7 +161,6 @@ class SimulatedBus:
         return min(events, key=itemgetter(0), default=None)
 
     def _begin(self, at_ns: int) -> None:
-        """Let the ready nodes compete in an arbitration, and begin the winner's attempt."""
         heads = {port: port.waiting[0] for port in self._ports if port.waiting and port.ready_ns <= at_ns}
         wins = min(item.priority for item in heads.values())
         items = {port: item for port, item in heads.items() if item.priority == wins}
@@ -180,60 +171,47 @@ class SimulatedBus:
         frames = {port: item.frame for port, item in items.items()}
         receivers = [port for port in self._ports if not port.is_off and port not in items]
         first, frame = next(iter(frames.items()))
-        misheard = self._seen_wrong(self._mishears, frame, receivers, at_ns)
-        disturbed = self._seen_wrong(self._corrupts, frame, [first], at_ns).get(first)
+        misheard = _seen_wrong(self._mishears, frame, receivers, at_ns)
+        disturbed = _seen_wrong(self._corrupts, frame, [first], at_ns).get(first)
         outcome = resolve(frames, receivers, misheard=misheard, disturbed=disturbed)
         nominal, fast = outcome.used
-        self._attempt = _Attempt(
-            begin_ns=at_ns,
-            end_ns=at_ns + self._ns(nominal, fast),
-            free_ns=at_ns + self._ns(nominal + outcome.rest, fast),
-            outcome=outcome,
-            items=items,
-        )
-
-    @staticmethod
-    def _seen_wrong(
-        asked: Corrupts | None, frame: Frame, ports: Iterable[SimulatedPort], at_ns: int
-    ) -> dict[SimulatedPort, int]:
-        if asked is None:
-            return {}
-        answers = {port: asked(frame, port.name, at_ns) for port in ports}
-        return {port: position for port, position in answers.items() if position is not None}
+        end_ns, free_ns = at_ns + self._ns(nominal, fast), at_ns + self._ns(nominal + outcome.rest, fast)
+        self._attempt = _Attempt(at_ns, end_ns, free_ns, outcome, items)
 
     def _end(self) -> None:
         assert self._attempt is not None
         attempt, self._attempt = self._attempt, None
         self._free_ns = attempt.free_ns
         self._busy_ns += attempt.free_ns - attempt.begin_ns
-        if AttemptVerdict.SENT not in attempt.outcome.verdicts.values():
-            self._error_frames += 1
-        self._conclude(attempt)
-        for port in self._ports:
-            port.settle(attempt.end_ns)
-            if port.recovery is not None:
-                # Every frame and error frame ends with one of the recessive sequences that a recovering node counts.
-                port.recovery = Recovery(port.recovery.left - 1, attempt.free_ns)
-
-    def _conclude(self, attempt: _Attempt) -> None:
-        outcome = attempt.outcome
-        frame = replace(outcome.frame, timestamp_ns=attempt.end_ns)
-        for port, verdict in outcome.verdicts.items():
+        frame = replace(attempt.outcome.frame, timestamp_ns=attempt.end_ns)
+        for port, verdict in attempt.outcome.verdicts.items():
             port.errors = counted(port.errors, verdict)
             if verdict.is_senders and port.is_passive:
                 port.ready_ns = attempt.free_ns + self._ns(SUSPEND)
             if verdict is AttemptVerdict.HEARD:
                 port.deliver(frame)
-        sent = [port for port, verdict in outcome.verdicts.items() if verdict is AttemptVerdict.SENT]
+        sent = [port for port, verdict in attempt.outcome.verdicts.items() if verdict is AttemptVerdict.SENT]
         for port in sent:
             port.sent(attempt.items[port])
         if sent:
             # If several nodes sent an identical frame at the same time, the bus carried only one frame.
             self._frames += 1
             self._capture(frame)
-            for port in sent:
-                queued_ns = attempt.items[port].queued_ns
-                self._observe(Transmission(frame, port.name, queued_ns, attempt.begin_ns, attempt.end_ns))
+        else:
+            self._error_frames += 1
+        for port in sent:
+            queued_ns = attempt.items[port].queued_ns
+            self._observe(Transmission(frame, port.name, queued_ns, attempt.begin_ns, attempt.end_ns))
+        for port in self._ports:
+            port.settle(attempt.end_ns)
+            if port.recovery is not None:
+                # Every frame and error frame ends with one of the recessive sequences that a recovering node counts.
+                port.recovery = Recovery(port.recovery.left - 1, attempt.free_ns)
 
     def _ns(self, nominal: int, fast: int = 0) -> int:
         return bits_ns(nominal, fast, **self._rates)
+
+
+def _seen_wrong(ask: Corrupts | None, frame: Frame, ports: list[SimulatedPort], t_ns: int) -> dict[SimulatedPort, int]:
+    answers = {} if ask is None else {port: ask(frame, port.name, t_ns) for port in ports}
+    return {port: position for port, position in answers.items() if position is not None}

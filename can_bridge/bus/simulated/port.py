@@ -1,7 +1,6 @@
 """A node's connection to the simulated bus: its two queues and its controller's error counters."""
 
 import heapq
-from collections import deque
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
@@ -22,7 +21,6 @@ class Queued(NamedTuple):
 TRANSMIT_CAPACITY: Final = 64
 RECEIVE_CAPACITY: Final = 4096
 """Largest numbers of frames in a node's transmit queue and in its receive queue."""
-
 
 RECOVERY: Final = 128
 """Number of sequences of `RECESSIVE_BITS` recessive bits that end bus-off."""
@@ -51,7 +49,7 @@ class SimulatedPort:
         self.refused = self.discarded = self.overruns = 0
         self._clock = clock
         self._serial = 0
-        self._received: deque[Frame] = deque()
+        self._received: list[Frame] = []
         # Only the bus uses the attributes below.
         self.waiting: list[Queued] = []
         self.errors = HEALTHY
@@ -67,17 +65,12 @@ class SimulatedPort:
         return self.errors.state is BusState.ERROR_PASSIVE
 
     def send(self, frame: Frame) -> None:
-        """Put one frame into the transmit queue, at the bus's present time; the frame's timestamp is ignored. Raises
-        BusError if the node is bus-off or the queue is full."""
-        if self.is_off:
+        """Queue one frame now; its timestamp is ignored. Raises BusError if the node is bus-off or the queue full."""
+        waiting = len(self.waiting)
+        if self.is_off or waiting >= TRANSMIT_CAPACITY:
             self.refused += 1
-            raise BusError(f"{self.name} is bus-off: frame {frame.frame_id:#x} was not sent")
-        if len(self.waiting) >= TRANSMIT_CAPACITY:
-            self.refused += 1
-            raise BusError(
-                f"{self.name} has {len(self.waiting)} frames waiting for the bus, so its queue is full: frame "
-                f"{frame.frame_id:#x} was not sent"
-            )
+            why = "is bus-off" if self.is_off else f"has {waiting} frames waiting for the bus, so its queue is full"
+            raise BusError(f"{self.name} {why}: frame {frame.frame_id:#x} was not sent")
         if not self.waiting:
             self.ready_ns = max(self.ready_ns, self._clock())
         self._serial += 1
@@ -85,8 +78,7 @@ class SimulatedPort:
 
     def receive_all(self) -> list[Frame]:
         """Return all frames that have arrived up to the bus's present time, in the order of arrival."""
-        frames = list(self._received)
-        self._received.clear()
+        frames, self._received = self._received, []
         return frames
 
     def health(self) -> BusHealth:

@@ -26,14 +26,9 @@ _LARGEST: Final = 127.0
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeSource:
-    """A file and the role of its episode.
-
-    Attributes:
-        named: name of the episode; by default, the file's name without its suffix, or the folder of an OpenFOAM case.
-        made: contents that were computed before the import, from a part of a log and from a table of forces; None if
-            the file is to be read.
-        provenance: further facts, stored with the file's name and hash.
-    """
+    """A file and the role of its episode. The episode's name is `named`; by default, the file's name without its
+    suffix, or the folder of an OpenFOAM case. `made` has contents that were computed before the import, from a part of
+    a log and a table of forces. `provenance` has further facts, stored with the file's name and hash."""
 
     path: Path
     role: Role
@@ -61,7 +56,6 @@ def assemble(
     the file, the place and the allowed values.
 
     Args:
-        sources: source files in the order of the episodes.
         facts: facts about the plant; control period and action limit must be known.
         references: values in the files that equal 1 in the data set, by series or sensor.
         renamed: names of series and sensors in the files, by their names in the data set.

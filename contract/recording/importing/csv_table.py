@@ -16,6 +16,8 @@ from contract.recording.episode import UNITS
 from contract.recording.importing.stored import DEFAULT_FILL, GAP, UNWRITTEN
 from contract.sensor_layout import SensorLayout
 
+_YES: Final = ("1", "yes", "true", "x")
+_NO: Final = ("", "0", "no", "false")
 _SEPARATORS: Final = ",;\t"
 _DECIMAL_COMMA: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 
@@ -47,13 +49,10 @@ class CsvColumn:
 
 
 def read_csv(path: Path) -> dict[str, CsvColumn]:
-    """Read a table as columns by name. The file has a header line, then rows. Cells are separated by commas, semicolons
-    or tabs.
-
-    Empty lines are skipped. Lines above the header that begin with # are comments. If numbers directly follow the
-    comments, the last comment is the header, as in files of `numpy.savetxt`. Raises DatasetError if the file is no
-    text, or has no header, no rows, or a row with more or fewer cells than the header.
-    """
+    """Read a table as columns by name. The file has a header line, then rows; commas, semicolons or tabs separate the
+    cells. Empty lines are skipped. Lines above the header that begin with # are comments. If numbers directly follow
+    the comments, the last comment is the header, as in files of `numpy.savetxt`. Raises DatasetError if the file is no
+    text, or has no header, no rows, or a row with more or fewer cells than the header."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -131,18 +130,12 @@ def _check_header(path: Path, line: int, header: tuple[str, ...]) -> None:
         )
 
 
-_YES: Final = ("1", "yes", "true", "x")
-_NO: Final = ("", "0", "no", "false")
-_RESERVED: Final = frozenset({*UNITS, "initial_action"})
-
-
 def read_sensors(
     path: Path, *, symmetric: bool, told: Callable[[Path, str], None] = lambda path, note: None
 ) -> SensorLayout:
-    """Read the sensors' layout, in the order of the file's rows. Raises DatasetError if a column is missing or a cell
-    does not fit; the message states file, line and column. `symmetric` states whether body and jets are symmetric about
-    y = 0. If so, and if every sensor has a mirror image, the mirror images are found from the positions. `told` is
-    called with the names of unused columns, if any."""
+    """Read the sensors' layout, in the order of the file's rows. `symmetric` is that of `SensorLayout.of`. `told` is
+    called with the names of unused columns, if any. Raises DatasetError if a column is missing or a cell does not fit;
+    the message states file, line and column."""
     table = read_csv(path)
     for column in ("name", "x", "y"):
         if column not in table:
@@ -155,7 +148,7 @@ def read_sensors(
         told(path, f"not used: {', '.join(unused)}; a position has only x and y")
     names, lines = table["name"].texts, table["name"].lines
     for line, name in zip(lines, names, strict=True):
-        if name in _RESERVED:
+        if name in UNITS or name == "initial_action":
             raise DatasetError(f"{path}: line {line}: a sensor cannot be called {name!r}, the name of a series")
     base: list[int] = []
     for k, cell in enumerate(table["base"].texts if "base" in table else ()):

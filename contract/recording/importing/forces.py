@@ -14,20 +14,12 @@ from contract.recording.importing.source_file import SUFFIXES, Reference, factor
 
 FORCE_COLUMNS: Final = ("Cd", "Cl")
 
-_CLOCK_OF_UNIT: Final[Mapping[str, ForcesClock]] = {"t_c": "t_c", "W/U_inf": "t_c"}
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ForcesTable:
-    """The forces of a table as time series. Raises DatasetError for times that do not increase, or for a number that is
-    not finite.
-
-    Attributes:
-        names: names in the file, by the names "t", "Cd" and "Cl".
-        t: increasing times, (n,).
-        values: forces at these times by the names in `FORCE_COLUMNS`, (n,) each.
-        clock: clock of the times, if their unit determines the clock; otherwise None.
-    """
+    """The forces of a table as time series: increasing times (n,), and `values` by the names in `FORCE_COLUMNS`, (n,)
+    each. `names` has the names in the file, by the names "t", "Cd" and "Cl". `clock` is the clock of the times, if
+    their unit determines it. Raises DatasetError for times that do not increase, or a number that is not finite."""
 
     path: Path
     names: Mapping[str, str]
@@ -51,9 +43,8 @@ class ForcesTable:
             )
 
     def at(self, times: Array, *, longest_gap: float, slack: float) -> dict[str, Array]:
-        """Interpolate the forces linearly at m increasing times, (m,). Because clocks differ, a time may be up to
-        `slack` outside the rows. Raises DatasetError for a time that is farther outside or lies in a gap longer than
-        `longest_gap`; the message states the first and last time of the rows or of the gap."""
+        """Interpolate the forces linearly at m increasing times, (m,), which may be up to `slack` outside the rows,
+        because clocks differ. Raises DatasetError for a time farther outside or in a gap longer than `longest_gap`."""
         first = self.names[FORCE_COLUMNS[0]]
         if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
             raise DatasetError(
@@ -76,14 +67,10 @@ class ForcesTable:
 def read_forces(
     path: Path, renamed: Mapping[str, str], references: Mapping[str, Reference] | None = None
 ) -> ForcesTable:
-    """Read t, Cd and Cl from a table or a file of arrays. Raises DatasetError if the file cannot be read, or if t, Cd
-    and Cl are not all present or do not fit each other.
-
-    Args:
-        renamed: names of t, Cd and Cl in the file. An array that is not renamed may have its unit in brackets after the
-            name, as `stillwake report` writes it.
-        references: values in the file that equal 1 in the data set, by series.
-    """
+    """Read t, Cd and Cl from a table or a file of arrays. `renamed` has their names in the file. An array that is not
+    renamed may have its unit in brackets after the name, as `stillwake report` writes it. `references` has the values
+    in the file that equal 1 in the data set, by series. Raises DatasetError if the file cannot be read, or if t, Cd and
+    Cl are not all present or do not fit each other."""
     if not path.is_file():
         raise DatasetError(f"{path}: no such file")
     if path.suffix.lower() not in SUFFIXES:
@@ -104,7 +91,7 @@ def read_forces(
         names=inside,
         t=t,
         values={name: arrays[name] * scale for name, scale in scales.items()},
-        clock=_CLOCK_OF_UNIT.get(units["t"] or ""),
+        clock="t_c" if units["t"] in ("t_c", "W/U_inf") else None,
     )
 
 

@@ -32,8 +32,7 @@ _AT: Final = 0.01
 
 
 def case_of(path: Path) -> Path | None:
-    """Return the OpenFOAM case that a path belongs to. The path may be the case's folder, the folder postProcessing, or
-    anything in postProcessing. Return None if there is no case."""
+    """Return the OpenFOAM case of a path: its folder, or its postProcessing or anything there; None without a case."""
     path = Path(os.path.realpath(path))  # `resolve` raises RuntimeError for a cyclic link
     if (path / _POST).is_dir():
         return path
@@ -51,9 +50,9 @@ def read_case(
     references: Mapping[str, Reference],
 ) -> Contents:
     """Read a case into rows that are one control period apart. If the case's rows have other times, values are
-    interpolated linearly. The pressure p is kinematic. It is converted to Cp with `references` or with the magUInf of
-    the force coefficients. Raises DatasetError if the tables cannot be read, or do not fit the layout or the period;
-    the message states the file. The arguments are those of `contract.recording.importing.source_file.read_source`."""
+    interpolated linearly. The kinematic pressure p is converted to Cp with `references` or with the magUInf of the
+    force coefficients. The arguments are those of `contract.recording.importing.source_file.read_source`. Raises
+    DatasetError if the tables cannot be read, or do not fit the layout or the period; the message states the file."""
     pressures, forces = _table(path, case, _PRESSURES, "probes of p"), _table(path, case, _FORCES, "forceCoeffs")
     speed = _speed(forces)
     if speed is None and "Cp" not in references:
@@ -154,7 +153,6 @@ def _alike(at: Array, wanted: Array, near: float) -> bool:
 
 
 def _at(path: Path, times: Array, values: Array, t: Array, period: float) -> Array:
-    """Return the values at the times t, interpolated linearly between the rows."""
     if len(t) < 2:
         raise DatasetError(
             f"{path}: its times go from {times[0]:g} to {times[-1]:g} W / U_inf, but two control periods are needed in "

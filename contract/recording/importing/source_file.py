@@ -14,6 +14,7 @@ from contract.recording.importing.csv_table import CsvColumn, read_csv
 from contract.recording.importing.stored import BINARY, INITIAL_ACTION, Stored, stored_arrays
 from contract.sensor_layout import SensorLayout
 
+SUFFIXES: Final = (".csv", ".tsv", ".txt", *BINARY)
 _KNOWN: Final[Mapping[str, tuple[str, float]]] = {
     name: (base, size)
     for base, size, names in (
@@ -88,8 +89,7 @@ def split_unit(column: str) -> tuple[str, str | None]:
 
 def factor(path: Path, name: str, inside: str, unit: str | None, reference: Reference | None) -> float:
     """Return the factor that converts the numbers of a series or sensor to the data set's unit. `inside` and `unit` are
-    the name and the unit in the file. Raises DatasetError if the numbers have a dimension but no reference, or a
-    reference of another dimension."""
+    the name and the unit in the file. Raises DatasetError for a dimension without a reference of this dimension."""
     base, size = _base(unit)
     if reference is None:
         if base != "1":
@@ -106,8 +106,7 @@ def factor(path: Path, name: str, inside: str, unit: str | None, reference: Refe
 
 
 def seconds_in(path: Path, inside: str, unit: str | None) -> float:
-    """Return the length of the unit of an array of times, in s; 1 if the times have no unit. Raises DatasetError if the
-    unit is not a unit of time."""
+    """Return the length of a unit of time in s; 1 if there is no unit. Raises DatasetError for another kind of unit."""
     base, size = _base(unit)
     if base not in ("1", "s"):
         raise DatasetError(f"{path}: {inside!r} is in {unit!r}; times must be in s, ms, us, min or h")
@@ -124,20 +123,11 @@ def _plain(unit: str) -> str:
     return unit if unit in _KNOWN else unit.replace("^", "").replace("**", "")
 
 
-SUFFIXES: Final = (".csv", ".tsv", ".txt", *BINARY)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Contents:
-    """The contents of a file, or of a part of a log.
-
-    Attributes:
-        arrays: arrays by the data set's names; there is one "Cp" of shape (n, sensors), in the layout's order.
-        unread: names in the file that were not used.
-        renamed: names of series or sensors whose arrays have another name in the file.
-        files: files that were read.
-        notes: further remarks for the user.
-    """
+    """The contents of a file, or of a part of a log: arrays by the data set's names, with one "Cp" (n, sensors) in the
+    layout's order. `files` were read. `unread` has the names in the file that were not used, `renamed` the names of
+    series or sensors whose arrays have another name in the file, and `notes` further remarks for the user."""
 
     arrays: dict[str, Array]
     files: tuple[Path, ...]
@@ -158,16 +148,10 @@ def read_source(
     renamed: Mapping[str, str],
     references: Mapping[str, Reference],
 ) -> Contents:
-    """Read the arrays in `names` that the file has, and the pressures. Raises DatasetError if the file cannot be read,
-    if it lacks a renamed array, or if an array is no series of numbers or has an unknown unit; the message states file
-    and array.
-
-    Args:
-        names: series that may be in the file, without Cp.
-        renamed: names of series, sensors or Cp in the file, where they differ from the data set's names.
-        references: values in the file that equal 1 in the data set, by series or sensor; the reference of Cp also
-            applies to sensors.
-    """
+    """Read the arrays in `names` that the file has, and the pressures. `renamed` has names in the file of series,
+    sensors or Cp. `references` has values in the file that equal 1 in the data set, by series or sensor; the reference
+    of Cp also applies to sensors. Raises DatasetError with file and array if the file cannot be read or lacks a renamed
+    array, or if an array is no series of numbers or has an unknown unit."""
     if not path.is_file():
         raise DatasetError(f"{path}: is a folder without postProcessing" if path.is_dir() else f"{path}: no such file")
     suffix = path.suffix.lower()
@@ -211,8 +195,7 @@ def _in_this_file(
     path: Path, there: Sequence[str], renamed: Mapping[str, str], wanted: Sequence[str]
 ) -> dict[str, str]:
     """Map the data set's names to this file's names if they differ, even if only by a unit in brackets. Raises
-    DatasetError if a renamed array is in the file under neither name. Without this error, an optional series such as t
-    would be ignored silently."""
+    DatasetError if a renamed array is in the file under neither name, because an optional series would be ignored."""
     plain = {split_unit(column)[0]: column for column in there}
     found = {name: plain[name] for name in wanted if name not in there and name in plain}
     for name, inside in renamed.items():
@@ -246,7 +229,6 @@ def _ordered(
 def _with_pressures(
     path: Path, arrays: dict[str, Array], layout: SensorLayout, renamed: Mapping[str, str], there: Sequence[str]
 ) -> dict[str, Array]:
-    """Combine the sensors' arrays into one Cp; an existing Cp stays unchanged."""
     found = {name: arrays.pop(name) for name in layout.names if name in arrays}
     if "Cp" in arrays:
         return arrays

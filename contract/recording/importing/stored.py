@@ -15,6 +15,17 @@ from contract.errors import DatasetError
 from contract.npz import read_npz
 from contract.recording.hdf5 import opened
 
+BINARY: Final = (".npz", ".h5", ".hdf5", ".nc", ".nc4", ".mat")
+INITIAL_ACTION: Final = "initial_action"
+_CDF: Final = b"CDF"
+"""First bytes of netCDF's classic format; files of netCDF-4 and MATLAB 7.3 are HDF5 files."""
+_HDF5: Final = b"\x89HDF"
+_USER_BLOCK: Final = 512
+"""Number of bytes that MATLAB writes before the HDF5 file."""
+_DIMENSION: Final = "This is a netCDF dimension but not a netCDF variable"
+"""Text in the attribute NAME of an array that only names a dimension."""
+_TABLES: Final = ("None", "__function_workspace__")
+"""Names under which SciPy lists MATLAB's tables and objects, which SciPy cannot read."""
 GAP: Final = "; fill the gap, or cut the file in two there"
 DEFAULT_FILL: Final = 9.9692099683868690e36
 """Value that netCDF stores in place of floating-point numbers that were never written."""
@@ -25,14 +36,9 @@ _DEFAULT_OF_INTEGERS: Final = {2: -(2**15) + 1, 4: -(2**31) + 1, 8: -(2**63) + 2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stored:
-    """An array of a file.
-
-    Attributes:
-        values: array as the file stores it.
-        attributes: metadata of the array, by name. This class evaluates scale_factor, add_offset, _FillValue,
-            missing_value, valid_min, valid_max, valid_range and units of CF, and _Unsigned of netCDF.
-        netcdf: whether the file is a netCDF file, whose default fill values apply if the array states no fill value.
-    """
+    """An array as a file stores it. This class evaluates the attributes scale_factor, add_offset, _FillValue,
+    missing_value, valid_min, valid_max, valid_range and units of CF, and _Unsigned of netCDF. If the array states no
+    fill value, the default fill values of netCDF apply in a file of this format (`netcdf`)."""
 
     values: Any
     attributes: Mapping[str, Any] = field(default_factory=dict)
@@ -73,7 +79,7 @@ class Stored:
             raw = raw.reshape(-1)
         if self.attributes.get("_Unsigned") in ("true", b"true") and raw.dtype.kind == "i":
             raw = raw.view(raw.dtype.str.replace("i", "u"))
-        scale, offset = (self._number(path, name, key, default) for key, default in _PACKING)
+        scale, offset = self._number(path, name, "scale_factor", 1.0), self._number(path, name, "add_offset", 0.0)
         array = raw.astype(np.float64) * scale + offset
         gaps = {"is not finite": ~np.isfinite(array), **self._gaps(path, name, raw, array)}
         missing = np.logical_or.reduce(list(gaps.values()))
@@ -123,20 +129,6 @@ class Stored:
             return values.astype(dtype) if dtype.kind == "f" or unsigned else values
 
 
-_PACKING: Final = (("scale_factor", 1.0), ("add_offset", 0.0))
-BINARY: Final = (".npz", ".h5", ".hdf5", ".nc", ".nc4", ".mat")
-INITIAL_ACTION: Final = "initial_action"
-_CDF: Final = b"CDF"
-"""First bytes of netCDF's classic format; files of netCDF-4 and MATLAB 7.3 are HDF5 files."""
-_HDF5: Final = b"\x89HDF"
-_USER_BLOCK: Final = 512
-"""Number of bytes that MATLAB writes before the HDF5 file."""
-_DIMENSION: Final = "This is a netCDF dimension but not a netCDF variable"
-"""Text in the attribute NAME of an array that only names a dimension."""
-_TABLES: Final = ("None", "__function_workspace__")
-"""Names under which SciPy lists MATLAB's tables and objects, which SciPy cannot read."""
-
-
 def stored_arrays(path: Path) -> dict[str, Stored]:
     """Return all arrays by name. Names include the groups or structures. Raises DatasetError for an unreadable file."""
     try:
@@ -174,8 +166,7 @@ def _read_hdf5(path: Path) -> dict[str, Stored]:
 
 
 def _array(file: h5py.File, name: str) -> h5py.Dataset | None:
-    """Return the array with this name. Return None for a group, for a link that leads nowhere, and for an array without
-    values that netCDF made only to name a dimension."""
+    """Return the array with this name; None for a group, a dead link, or an array that only names a dimension."""
     try:
         node = file[name]
     except (KeyError, RuntimeError):
@@ -222,11 +213,11 @@ def _read_classic(path: Path) -> dict[str, Stored]:
         raise ValueError(f"holds more values than {MOST_VALUES}")
     try:
         with netcdf_file(path, mmap=False) as file:
-            found = {_in_utf8(name): one for name, one in file.variables.items()}
-            values = {name: np.array(one[:] if one.shape else one.getValue()) for name, one in found.items()}
-            return {
-                name: Stored(values=values[name], attributes=found[name]._attributes, netcdf=True) for name in found
-            }
+            found = {}
+            for name, one in file.variables.items():
+                values = np.array(one[:] if one.shape else one.getValue())
+                found[_in_utf8(name)] = Stored(values=values, attributes=one._attributes, netcdf=True)
+            return found
     except Exception as error:  # SciPy raises any exception for damaged files
         raise ValueError(f"is damaged or not a netCDF file ({_first_line(error)})") from error
 
@@ -255,7 +246,6 @@ def _read_matlab(path: Path) -> dict[str, Stored]:
 
 
 def _flat(found: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the arrays of nested structures, with names joined by slashes as in HDF5."""
     for name, values in found.items():
         if name in _TABLES:
             yield "a MATLAB table or object, whose columns only MATLAB can read: save them as variables", None

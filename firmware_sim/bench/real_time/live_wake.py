@@ -1,9 +1,6 @@
-"""The built-in solver in a separate process, one control period ahead of the bus.
-
-An ECU that plans ahead sends the action for a period one period early, so the solver has a whole period to compute the
-flow up to the next sampling instant. If the solver is late, the vehicle sends no pressures at that instant, and the
-flow's time falls behind the clock by a period.
-"""
+"""The built-in solver in a separate process, one control period ahead of the bus. An ECU that plans ahead sends the
+action for a period one period early, so the solver has a whole period to compute the flow up to the next sampling
+instant. If the solver is late, the vehicle sends no pressures then, and the flow's time falls behind by a period."""
 
 import multiprocessing
 import signal
@@ -29,8 +26,9 @@ from wake.truck.truck_wake import TruckWake
 _ROOM: Final = 0.9
 """Share of a control period that the solver may take without a warning; transfers and other processes need the rest."""
 COARSE: Final = (0.75, 15)
-"""Grid refinement, and time steps per control period, of the fastest known plant on which the shipped controller acts
-as on the default grid (docs/explanation/solver.md)."""
+"""Grid refinement and time steps per period of the fastest plant that is fine enough (docs/explanation/solver.md)."""
+_LONGEST_END_S: Final = 5.0
+"""Longest wait in s for the end of the solver's process, which may first have to finish a control period."""
 
 
 class Speed(NamedTuple):
@@ -69,19 +67,12 @@ class Speed(NamedTuple):
         return None
 
 
-_LONGEST_END_S: Final = 5.0
-"""Longest wait in s for the end of the solver's process, which may first have to finish a control period."""
-
-
 class LiveWake(NeverCopied):
     """A live wake in a separate process, as a context manager. The constructor takes seconds, and raises StillwakeError
-    if the plant cannot be opened. `speed` is the computing time of a control period, measured before the start.
-
-    Args:
-        start: file with the initial state; if None, the shipped state, interpolated to the grid in use.
-        progress: called with (time done, total time) in t_c while the flow develops from the initial state.
-        drive: speeds of the inflow. The time steps in `config.flow` must be short enough for these speeds.
-    """
+    if the plant cannot be opened. `speed` is the computing time of a control period, measured before the start. The
+    file `start` has the initial state; if it is None, the shipped state is interpolated to the grid in use. While the
+    flow develops from this state, `progress` is called with (time done, total time) in t_c. The time steps in
+    `config.flow` must be short enough for the speeds of `drive`."""
 
     INSTEAD: ClassVar = "its solver is a process; start another wake"
 
@@ -159,22 +150,18 @@ def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | No
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     stay_ordinary()
     from firmware_sim.bench.disturbing import driving
-    from wake.plants import open_plant
-
-    def send(*word: object) -> None:
-        pipe.send(word)
+    from wake.plants import own_wake
 
     try:
-        with open_plant("wake", Path(), config, progress=lambda *at: send("settling", *at), start=start) as wake:
-            assert isinstance(wake, TruckWake)
-            wake.advance(0.0)
-            speed = Speed.of(wake)
-            with nullcontext() if drive is None else driving(wake, drive, config):
-                send("ready", speed, wake.description, wake.sample().Cp)
-                while True:
-                    send("sample", wake.advance(pipe.recv()).Cp)
+        wake = own_wake(config, lambda *at: pipe.send(("settling", *at)), start=start)
+        wake.advance(0.0)
+        speed = Speed.of(wake)
+        with nullcontext() if drive is None else driving(wake, drive, config):
+            pipe.send(("ready", speed, wake.description, wake.sample().Cp))
+            while True:
+                pipe.send(("sample", wake.advance(pipe.recv()).Cp))
     except StillwakeError as error:
-        send(error)
+        pipe.send((error,))
     except (EOFError, BrokenPipeError, ConnectionResetError):
         # The pipe is closed, so the vehicle has ended.
         return

@@ -32,14 +32,9 @@ WRITTEN_EVERY: Final = 500
 
 @dataclass(frozen=True, kw_only=True)
 class Course:
-    """The length, drive and files of a run.
-
-    Attributes:
-        periods: number of periods; None for an endless run.
-        enable_after_s: time in s of the first request for control; None for no request.
-        freshness: file that counts the node's power cycles; required with `bus.key`, not allowed without it.
-        frames: measurement file for the frames that the vehicle sent and accepted.
-    """
+    """The length, drive and files of a run. `periods` is None for an endless run. Control is first requested after
+    `enable_after_s` s; None means no request. The file `freshness` counts the node's power cycles; it is required with
+    `bus.key`, and not allowed without it. The file `frames` gets the frames that the vehicle sent and accepted."""
 
     periods: int | None = None
     enable_after_s: float | None = 2.0
@@ -63,8 +58,7 @@ def run_vehicle(
 ) -> VehicleFigures:
     """Run until `course` ends or `is_stopped` is true; then withdraw the request for control on the bus. `sensors` are
     in the order of the Pressure message. Raises ConfigError if only one of `bus.key` and the freshness file is set, or
-    if the pressures lack a sensor. Raises BusError if the bus is lost, StillwakeError if a file cannot be written or
-    the live wake fails."""
+    the pressures lack a sensor; BusError if the bus is lost; StillwakeError if a file or the live wake fails."""
     store, node = _node(sensors, pressures, config, course)
     per_second = max(1, round(SILENCE_S * 1e9 / config.period_ns))
     enable_from = None if course.enable_after_s is None else round(course.enable_after_s * 1e9 / config.period_ns)
@@ -94,10 +88,8 @@ def run_vehicle(
             begun += 1
             if node.has_given_up and not has_given_up:
                 has_given_up = True
-                report(
-                    f"{config.vehicle.loss_limit} of {config.vehicle.loss_window} periods had no usable command: the "
-                    "jets are shut, and the vehicle requests no more control (vehicle.loss_limit)"
-                )
+                lost = f"{config.vehicle.loss_limit} of {config.vehicle.loss_window} periods had no usable command"
+                report(f"{lost}: the jets are shut, and the vehicle requests no more control (vehicle.loss_limit)")
             receiving.check()
             if begun % per_second == 0:
                 silence.look(figures.commands, loop.heard, bus.rejected)

@@ -1,9 +1,7 @@
 """A vehicle in real time: at every sampling instant it sends the pressures, and its jets follow the latest command. The
-pressures are from a recording or a live wake. Long runs need no more memory than short runs.
-
-Period k begins at the absolute instant t_k. A frame that arrived before t_k belongs to period k - 1, even if this
-process woke late. The checks in the jets' driver, `VehicleNode`, count periods, as in virtual time.
-"""
+pressures are from a recording or a live wake. Long runs need no more memory than short runs. Period k begins at the
+absolute instant t_k. A frame that arrived before t_k belongs to period k - 1, even if this process woke late. The
+checks in the jets' driver, `VehicleNode`, count periods, as in virtual time."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -14,7 +12,6 @@ from math import ceil, isfinite, nan, sqrt
 from typing import Any, Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from can_bridge.bus.heard import Heard
 from can_bridge.wire.frame import Frame
@@ -60,11 +57,8 @@ class Pressures(Protocol):
 
 class Replay:
     """A replay of recorded pressures, one row per period, which do not respond to the jets. After the last row the
-    replay starts from the first row, and the pressures jump. Raises DatasetError if the episode does not exist.
-
-    Args:
-        episode: name of the episode; if None, the first episode without a controller, preferably with shut jets.
-    """
+    replay starts from the first row, and the pressures jump. If `episode` is None, the first episode without a
+    controller is replayed, preferably one with shut jets. Raises DatasetError if the episode does not exist."""
 
     def __init__(self, dataset: Dataset, episode: str | None = None) -> None:
         known = {item.name: item for item in dataset.episodes}
@@ -92,20 +86,19 @@ class Durations:
     """A histogram of times in steps of 10 us up to 2 s."""
 
     def __init__(self) -> None:
-        self._counts: NDArray[np.int64] = np.zeros(LONGEST_NS // RESOLUTION_NS + 1, dtype=np.int64)
-        self._total = 0
+        self._counts = np.zeros(LONGEST_NS // RESOLUTION_NS + 1, dtype=np.int64)
 
     def add(self, duration_ns: int) -> None:
         self._counts[min(max(duration_ns, 0), LONGEST_NS) // RESOLUTION_NS] += 1
-        self._total += 1
 
     def quantile_ms(self, share: float) -> float:
         """Return the nearest-rank quantile in ms, rounded down to 10 us; NaN if there are no times."""
-        if self._total == 0:
+        up_to = np.cumsum(self._counts)
+        if up_to[-1] == 0:
             return nan
         # In floating point, 0.07 * 100 is 7.000000000000001. Without rounding, the rank would be 8 instead of 7.
-        rank = max(1, ceil(round(share * self._total, 6)))
-        return int(np.searchsorted(np.cumsum(self._counts), rank)) * RESOLUTION_NS / 1e6
+        rank = max(1, ceil(round(share * int(up_to[-1]), 6)))
+        return int(np.searchsorted(up_to, rank)) * RESOLUTION_NS / 1e6
 
 
 @dataclass(kw_only=True, eq=False)
@@ -163,15 +156,9 @@ class VehicleFigures:
 
 
 class VehicleLoop:
-    """The vehicle's loop, which runs periods one by one.
-
-    Args:
-        send: sends one frame; raises BusError if the bus does not accept the frame.
-        now_ns, sleep_until: functions of the clock, which must be the clock of the deadlines and the inbox.
-
-    Attributes:
-        heard: counts of the received frames; the caller restarts the counts by assigning a new `Heard`.
-    """
+    """The vehicle's loop, which runs periods one by one. `send` sends one frame, and raises BusError if the bus does
+    not accept the frame. `now_ns` and `sleep_until` must be functions of the clock of the deadlines and the inbox. The
+    caller restarts the counts of received frames, `heard`, by assigning a new `Heard`."""
 
     def __init__(
         self,
@@ -196,8 +183,8 @@ class VehicleLoop:
         self.heard = Heard()
 
     def period(self, *, enable_request: bool) -> None:
-        """Wait for the next sampling instant and run its period. Raises BusError after UNSENT_LIMIT refused frames in a
-        row; PlantError if the live wake failed."""
+        """Wait for the next sampling instant and run its period. Raises BusError if the bus is lost (UNSENT_LIMIT), and
+        PlantError if the live wake failed."""
         due_ns = self._next_instant()
         self._end_period(due_ns)
         if self._stage_times is not None:
@@ -267,9 +254,8 @@ class VehicleLoop:
             self.figures.unsampled += is_noted
             return False
         # The frame has the time of the scheduled instant; the age in the frame is the delay of this process.
-        frame = self._node.sample(
-            np.asarray(cp), enable_request=enable_request, now_ns=due_ns, age_ns=max(0, sampled_ns - due_ns)
-        )
+        age_ns = max(0, sampled_ns - due_ns)
+        frame = self._node.sample(cp, enable_request=enable_request, now_ns=due_ns, age_ns=age_ns)
         self._pressures.drive(self._node.foreseen_action)
         try:
             self._send(frame)

@@ -16,10 +16,6 @@ from firmware_sim.runs.run_log import NodeErrors
 
 ROWS: Final = 64
 """Largest number of rows. If there are more identifiers, the identifiers with the lowest priority are left out."""
-_UNKNOWN: Final = "unknown"
-"""Name shown for a message that is not in the message set of the bus."""
-_BABBLER: Final = "babbler"
-"""Sender shown for a message that a node's port sends but the node's software does not (a babbling fault)."""
 _NS: Final = 10**9
 
 
@@ -51,8 +47,9 @@ class BusTable:
         key = frame.frame_id, frame.is_extended
         row = self._rows.get(key)
         if row is None:
+            # A message that a node's port sends but the node's software does not is from a babbling fault.
             babbles = seen.sender in PORT_NAMES.values() and not self._is_ours(key)
-            sender = _BABBLER if babbles else seen.sender
+            sender = "babbler" if babbles else seen.sender
             row = self._rows[key] = _Row(sender=sender, lately=deque(maxlen=self._periods))
         row.last_ns = seen.end_ns
         row.count += 1
@@ -104,7 +101,7 @@ class BusTable:
         seconds = len(row.lately) * self._period_ns / _NS
         return {
             "id": frame_id,
-            "name": self._names[frame_id] if ours else _UNKNOWN,
+            "name": self._names[frame_id] if ours else "unknown",
             "sender": row.sender,
             "count": row.count,
             "rate_hz": sum(row.lately) / seconds if seconds else None,

@@ -30,20 +30,19 @@ from wake.truck.averages import over_cycles, over_last_cycles
 
 _NEEDS_A_RISE = (OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.FAULT)
 """Modes that the ECU leaves only when the request for control changes from low to high."""
+BOOT_S: Final = 0.2
+"""Virtual time in s from power-on to the ECU's first step; it equals the default of the disturbance `reset`."""
+_FOR_GOOD_NS: Final = 10**18
+_AVERAGES_EVERY: Final = 5
 
 
 @dataclass(kw_only=True)
 class ControlRequest:
-    """The request for control in one run of the loop.
-
-    Attributes:
-        lead_in: number of periods after which control is requested.
-        rearm_frames: number of consecutive good frames that the ECU needs before a request clears a latched fault.
-        waits: whether the lead-in has not ended yet; a viewer who sets the request ends the lead-in early.
-        rearming: whether the request stays low until the ECU will accept a high request.
-        helped_until: period before which latched faults are cleared automatically, by a new request.
-        first: period of the first request for control; None before this request.
-    """
+    """The request for control in one run of the loop. It begins after `lead_in` periods, unless a viewer who sets the
+    request has ended the lead-in early (`waits`). The ECU needs `rearm_frames` consecutive good frames before a request
+    clears a latched fault. With `rearming`, the request stays low until the ECU will accept a high request. Before the
+    period `helped_until`, a new request clears latched faults automatically. `first` is the period of the first request
+    for control; None before this request."""
 
     lead_in: int
     rearm_frames: int
@@ -93,12 +92,8 @@ class ControlRequest:
 
 
 class DragMeans:
-    """The mean drag in one run of the loop, from its latest samples, which are `control_period` (in t_c) apart.
-
-    Attributes:
-        uncontrolled: mean Cd over the whole shedding cycles before the first request; None without a whole cycle.
-        now: mean Cd over the latest shedding cycle; None before the first whole cycle.
-    """
+    """The mean drag in one run of the loop, from its latest samples, which are `control_period` (in t_c) apart, over
+    the shedding cycles before the first request, and over the latest cycle (`now`); None without a whole cycle."""
 
     def __init__(self, control_period: float) -> None:
         self._period = control_period
@@ -136,12 +131,6 @@ class DragMeans:
         return 100.0 * (1.0 - self.now / self.uncontrolled)
 
 
-BOOT_S: Final = 0.2
-"""Virtual time in s from power-on to the ECU's first step; it equals the default of the disturbance `reset`."""
-_FOR_GOOD_NS: Final = 10**18
-_AVERAGES_EVERY: Final = 5
-
-
 def pack_field(k: int, t: float, levels: Levels) -> bytes:
     """Pack the flow at the start of period k as little-endian bytes: k (uint32), the time t in t_c (float32), width and
     height (uint16), then rows of levels (int8). `wake.pictures.fields` explains the levels."""
@@ -160,19 +149,10 @@ class LivePeriod:
 
 
 class LiveRun:
-    """A run from the plant's initial state. Raises StillwakeError if the plant lacks a sensor of the bundle, or the bus
-    does not work in virtual time.
-
-    Args:
-        wake: a plant at the start of a control period.
-        lead_in: number of periods after which control is requested without a viewer's action.
-
-    Attributes:
-        k: number of the next period; each period lasts `period_ns` in virtual time.
-        levels: object that makes the pictures; None for a plant without a flow field.
-        picture: flow at the start of the latest period, packed; None for a plant without a flow field.
-        latest, state: the latest period and the ECU's state after it; `latest` is None before the first period.
-    """
+    """A run from the plant's initial state. Without a viewer's action, control is requested after `lead_in` periods.
+    The next period has the number `k`. `levels` makes the pictures, and `picture` is the packed flow at the start of
+    the latest period; both are None for a plant without a flow field. `state` is the ECU's state after the latest
+    period. Raises StillwakeError if the plant lacks a sensor, or the bus does not work in virtual time."""
 
     def __init__(
         self, number: int, bundle: Bundle, config: Config, wake: LoopPlant, ecu: LoopEcu, *, lead_in: int
@@ -189,9 +169,7 @@ class LiveRun:
         self.latest: LivePeriod | None = None
         self.is_off = False
         authentication = authentication_in_virtual_time(config.bus)
-        self.wired = wire(
-            wake, sensors, config, ecu, self.disturbances, authentication=authentication, observe=self.bus_table
-        )
+        self.wired = wire(wake, sensors, config, ecu, self.disturbances, authentication, observe=self.bus_table)
         self._loop, self._bus, self.node = self.wired.loop, self.wired.bus, self.wired.node
         self.k, self.period_ns = 0, config.period_ns
         self.state: EcuState = ecu.ecu.state
@@ -203,9 +181,8 @@ class LiveRun:
     def step(self) -> LivePeriod:
         """Run one control period. Raises StillwakeError if the flow diverges."""
         k, loop = self.k, self._loop
-        requested = self.request.requests(
-            k, self.state.fail_safe, is_up=loop.ecu_is_up, given_up=self.node.has_given_up
-        )
+        before, given_up = self.state.fail_safe, self.node.has_given_up
+        requested = self.request.requests(k, before, is_up=loop.ecu_is_up, given_up=given_up)
         if self.levels is not None:
             self.picture = pack_field(k, cast(LivePlant, self.wake).t, self.levels.levels())
         row = loop.period(enable_request=requested)

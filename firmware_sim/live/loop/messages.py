@@ -24,10 +24,8 @@ PERIOD_COLUMNS: Final = (
     "requested",
 )  # fmt: skip
 """Columns of `periods`: fields of `firmware_sim.runs.run_log.Row`, the period's number, and the request for control."""
-
 KEPT_PERIODS: Final = 3000
 """Number of latest periods that a page should store; session and server store the same number."""
-
 LiveMessage = dict[str, Any]
 Request = dict[str, Any]
 """A viewer's request: an `id`, which the answer repeats, and an action of `firmware_sim.live.settings.ACTIONS`."""

@@ -13,7 +13,6 @@ from firmware_sim.runs.reasons import BECAUSE, DOES
 UNPOWERED: Final = "UNPOWERED"
 BOOT: Final = "BOOT"
 """States in addition to the names of `OperatingMode`: the ECU boots (BOOT) or has no supply (UNPOWERED)."""
-
 _DOES: Final[Mapping[str, str]] = {
     UNPOWERED: "no supply: the ECU is silent",
     BOOT: "the ECU starts, and receives nothing meanwhile",
@@ -30,17 +29,21 @@ _GATE: Final[Mapping[Intervention, str]] = {
     Intervention.RANGE: "the command is limited to the jets' range",
     Intervention.RATE: "the command is limited to the largest step from the last command",
 }
+_NODE: Final[Mapping[BusState, str]] = {
+    BusState.ERROR_ACTIVE: "free of errors again (error-active)",
+    BusState.ERROR_PASSIVE: "error-passive: it counts many errors, and may no longer stop others' frames",
+    BusState.BUS_OFF: "bus-off: it takes no part until it has recovered",
+}
+KEPT: Final = 500
+"""Largest number of events stored until they are fetched."""
+QUIET_S: Final = 1.0
+"""Time in s after an event in which repetitions are counted. An event then states the count, and the time doubles."""
+_LONGEST_S: Final = 16.0
 
 
 class SeenState(NamedTuple):
-    """The state after a period.
-
-    Attributes:
-        state: name of an `OperatingMode`, or `UNPOWERED` or `BOOT`.
-        set_aside: sensors that the ECU has found faulty and does not use.
-        given_up: whether the vehicle has withdrawn its request without a viewer's command.
-        nodes: state of each node's CAN controller.
-    """
+    """The state after a period: the name of an `OperatingMode`, or `UNPOWERED` or `BOOT`; the sensors that the ECU has
+    set aside; whether the vehicle has withdrawn its request without a viewer's command; the nodes' CAN controllers."""
 
     state: str
     reason: Reason
@@ -67,33 +70,14 @@ def noticed(before: SeenState, now: SeenState) -> Iterator[tuple[str, str]]:
         if name not in now.set_aside:
             yield "state", f"{name} is used again: the ECU has started again"
     if now.given_up != before.given_up:
-        yield (
-            "vehicle",
-            "the vehicle ends control and shuts its jets: too many commands were missing"
-            if now.given_up
-            else "the vehicle may request control again",
-        )
+        ended = "the vehicle ends control and shuts its jets: too many commands were missing"
+        yield "vehicle", ended if now.given_up else "the vehicle may request control again"
     for bit, text in _GATE.items():
         if bit in now.gate and bit not in before.gate:
             yield "state", text
     for node, state in now.nodes.items():
         if state is not before.nodes.get(node, BusState.ERROR_ACTIVE):
             yield "bus", f"{node}: CAN controller {_NODE[state]}"
-
-
-_NODE: Final[Mapping[BusState, str]] = {
-    BusState.ERROR_ACTIVE: "free of errors again (error-active)",
-    BusState.ERROR_PASSIVE: "error-passive: it counts many errors, and may no longer stop others' frames",
-    BusState.BUS_OFF: "bus-off: it takes no part until it has recovered",
-}
-
-
-KEPT: Final = 500
-"""Largest number of events stored until they are fetched."""
-QUIET_S: Final = 1.0
-"""Time in s after an event in which repetitions are only counted. If there were repetitions, an event then states their
-number, and the next counting time is twice as long."""
-_LONGEST_S: Final = 16.0
 
 
 class _Repeated(NamedTuple):

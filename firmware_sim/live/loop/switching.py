@@ -17,11 +17,14 @@ import numpy as np
 
 from can_bridge.bus.faults.fault import NS, Span, WrappedBus
 from can_bridge.bus.interface import Bus
-from can_bridge.bus.simulated.medium import SimulatedBus
+from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus
 from contract.arrays import Array
 from contract.config.tree import Config
 from firmware_sim.bench.disturbances import NODES, Disturbances, NodeFault
 from firmware_sim.bench.disturbing import Disturbing
+
+LINGER_S: Final = 1.0
+"""Virtual time in s from the end of an item to its removal: five times the longest delay that can be set."""
 
 
 class SwitchedPort(WrappedBus):
@@ -31,9 +34,6 @@ class SwitchedPort(WrappedBus):
     def __init__(self, port: Bus) -> None:
         super().__init__(port)
         self._plugs: list[WrappedBus] = []
-
-    def __len__(self) -> int:
-        return len(self._plugs)
 
     def put(self, layer: Callable[[Bus], Bus]) -> WrappedBus:
         """Add a layer around the present layers. Returns the plug that `take_out` needs to remove the layer."""
@@ -48,10 +48,6 @@ class SwitchedPort(WrappedBus):
         above = self._plugs[place + 1] if place + 1 < len(self._plugs) else self
         above._bus = plug._bus
         del self._plugs[place]
-
-
-LINGER_S: Final = 1.0
-"""Virtual time in s from the end of an item to its removal: five times the longest delay that can be set."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -70,7 +66,8 @@ class SwitchedDisturbances:
     """The disturbances of one run of the loop; an implementation of `firmware_sim.bench.simulation.Disturbs`. `read`
     has the latest readings of the S sensors, shape (S,); NaN before the first reading."""
 
-    corrupts = mishears = None  # no setting of a viewer causes bit errors on the bus
+    corrupts: Corrupts | None = None  # no setting of a viewer causes bit errors on the bus
+    mishears: Corrupts | None = None
 
     def __init__(self, config: Config, sensors: Sequence[str]) -> None:
         self._config, self._sensors = config, tuple(sensors)

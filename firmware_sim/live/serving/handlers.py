@@ -1,9 +1,7 @@
-"""The server's request handlers: the page and its files, the two sockets, and the check of access.
-
-Any web page can make a browser send requests to a server on this machine. Two checks refuse the requests of pages from
-other servers. A request's Origin, if any, must name the same server as its Host. On loopback, where no token protects
-the page, the Host must be loopback too, because a foreign host name may resolve to this machine (DNS rebinding).
-"""
+"""The server's request handlers: the page and its files, the two sockets, and the check of access. Any web page can
+make a browser send requests to a server on this machine. Two checks refuse the requests of pages from other servers. A
+request's Origin, if any, must name the same server as its Host. On loopback, where no token protects the page, the Host
+must be loopback too, because a foreign host name may resolve to this machine (DNS rebinding)."""
 
 import asyncio
 import json
@@ -25,76 +23,8 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 from firmware_sim.live.loop.messages import LiveAnswer, LiveMessage
 from firmware_sim.live.serving.supervisor import STREAMS, Supervisor, Viewer
 
-TOKEN_BYTES: Final = 24
-
-
-@dataclass(frozen=True, kw_only=True)
-class PageAccess:
-    """The rules of access to one server. Every request needs the token, except on loopback, where there is no token."""
-
-    token: str | None
-
-    @classmethod
-    def to(cls, address: str) -> Self:
-        """Return the access rules of a server at this address, with a new token unless the address is loopback."""
-        return cls(token=None if is_loopback(address) else token_urlsafe(TOKEN_BYTES))
-
-    def refusal(self, *, host: str, origin: str | None, token: str | None) -> str | None:
-        """Return why a request is refused; None if it is not. `origin` is None if the request has no Origin header."""
-        if self.token is None and not is_loopback(_name(host)):
-            return "this server answers only to localhost"
-        if origin is not None and origin.lower().partition("://")[2] != host.lower():
-            return "a page of another server may not use this server"
-        if self.token is None or compare_digest((token or "").encode(), self.token.encode()):
-            return None
-        return "open the link that `stillwake live` printed: it has the token"
-
-
-def is_loopback(address: str) -> bool:
-    """Return whether only this machine can reach the address."""
-    try:
-        return ip_address(address).is_loopback
-    except ValueError:
-        return address.lower() == "localhost"
-
-
-def _name(host: str) -> str:
-    """Return the name in a Host header without the port; an empty text if the header has no valid name."""
-    try:
-        return urlsplit(f"//{host}").hostname or ""
-    except ValueError:
-        return ""
-
-
 LONGEST_REQUEST: Final = 16 * 1024
 """Largest size of a message in bytes; the server closes a connection that sends a longer message."""
-
-
-def check(text: str | bytes) -> LiveAnswer | None:
-    """Return None for a well-formed request, otherwise the answer that states the error."""
-    if isinstance(text, bytes):
-        return {"error": "a request must be text, not bytes"}
-    try:
-        value = json.loads(text, parse_constant=_refuse)
-    except (ValueError, RecursionError) as error:
-        return {"error": f"a request must be JSON: {error}"}
-    if not isinstance(value, dict):
-        return {"error": 'a request must be an object, such as {"id": 1, "set": {"enable": true}}'}
-    return None if type(value.get("id", 0)) is int else {"error": "id: must be a whole number"}
-
-
-def as_json(message: LiveMessage | LiveAnswer) -> str:
-    """Return a message as JSON; NaN and infinity become null."""
-    try:
-        return json.dumps(message, allow_nan=False, separators=(",", ":"))
-    except ValueError:
-        return json.dumps(json.loads(json.dumps(message), parse_constant=lambda _: None), separators=(",", ":"))
-
-
-def _refuse(constant: str) -> None:
-    raise ValueError(f"{constant} is not a number")
-
-
 MOST_VIEWERS: Final = 32
 BATCHES_A_SECOND: Final = 30.0
 """Largest number of message batches per second to a viewer; a person would not see a higher rate."""
@@ -126,10 +56,71 @@ _TYPES: Final = {
 _log = logging.getLogger("tornado.application")
 
 
+@dataclass(frozen=True, kw_only=True)
+class PageAccess:
+    """The rules of access to one server. Every request needs the token, except on loopback, where there is no token."""
+
+    token: str | None
+
+    @classmethod
+    def to(cls, address: str) -> Self:
+        """Return the access rules of a server at this address, with a new token unless the address is loopback."""
+        return cls(token=None if is_loopback(address) else token_urlsafe(24))
+
+    def refusal(self, *, host: str, origin: str | None, token: str | None) -> str | None:
+        """Return why a request is refused; None if it is not. `origin` is None if the request has no Origin header."""
+        if self.token is None and not is_loopback(_name(host)):
+            return "this server answers only to localhost"
+        if origin is not None and origin.lower().partition("://")[2] != host.lower():
+            return "a page of another server may not use this server"
+        if self.token is None or compare_digest((token or "").encode(), self.token.encode()):
+            return None
+        return "open the link that `stillwake live` printed: it has the token"
+
+
+def is_loopback(address: str) -> bool:
+    """Return whether only this machine can reach the address."""
+    try:
+        return ip_address(address).is_loopback
+    except ValueError:
+        return address.lower() == "localhost"
+
+
+def _name(host: str) -> str:
+    """Return the name in a Host header without the port; an empty text if the header has no valid name."""
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
+
+
+def check(text: str | bytes) -> LiveAnswer | None:
+    """Return None for a well-formed request, otherwise the answer that states the error."""
+    if isinstance(text, bytes):
+        return {"error": "a request must be text, not bytes"}
+    try:
+        value = json.loads(text, parse_constant=_refuse)
+    except (ValueError, RecursionError) as error:
+        return {"error": f"a request must be JSON: {error}"}
+    if not isinstance(value, dict):
+        return {"error": 'a request must be an object, such as {"id": 1, "set": {"enable": true}}'}
+    return None if type(value.get("id", 0)) is int else {"error": "id: must be a whole number"}
+
+
+def as_json(message: LiveMessage | LiveAnswer) -> str:
+    """Return a message as JSON; NaN and infinity become null."""
+    try:
+        return json.dumps(message, allow_nan=False, separators=(",", ":"))
+    except ValueError:
+        return json.dumps(json.loads(json.dumps(message), parse_constant=lambda _: None), separators=(",", ":"))
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is not a number")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ServedPage:
-    """The data that the request handlers share."""
-
     supervisor: Supervisor
     access: PageAccess
     stalled_s: float
@@ -156,9 +147,8 @@ class Guarded(RequestHandler):
         return self.get_query_argument("token", None) or self.get_cookie(self.served.cookie)
 
     def prepare(self) -> None:
-        refusal = self.served.access.refusal(
-            host=self.request.host, origin=self.request.headers.get("Origin"), token=self.shown_token()
-        )
+        host, origin = self.request.host, self.request.headers.get("Origin")
+        refusal = self.served.access.refusal(host=host, origin=origin, token=self.shown_token())
         if refusal is not None:
             self.set_status(403)
             self.set_header("Content-Type", "text/plain; charset=utf-8")
@@ -169,8 +159,7 @@ class Guarded(RequestHandler):
         self.finish(f"{status_code}: {self._reason}\n")
 
     def log_exception(self, typ: Any, value: Any, tb: Any) -> None:
-        # This method replaces tornado's method, which would log the address with the token. Cancelled answers are
-        # normal when the server ends.
+        # tornado's method would log the address with the token. Cancelled answers are normal when the server ends.
         if not isinstance(value, HTTPError | asyncio.CancelledError):
             _log.error("%s %s", self.request.method, self.request.path, exc_info=(typ, value, tb))
 
@@ -194,8 +183,6 @@ class PageFiles(Guarded, StaticFileHandler):
 
 
 class Socket(Guarded, WebSocketHandler):
-    """The common base of both sockets."""
-
     def shown_token(self) -> str | None:
         # The cookie is not accepted here, because a browser sends it with the requests of any page.
         return self.get_query_argument("token", None)
@@ -251,18 +238,14 @@ class StreamSocket(Socket):
         with suppress(WebSocketClosedError), supervisor.watched() as changed:
             while True:
                 changed.clear()
-                if not await self._send_news(viewer):
+                is_any = False
+                for stream in STREAMS:
+                    if (message := viewer.take(stream)) is not None:
+                        is_any = True
+                        await self.send(message if isinstance(message, bytes) else as_json(message))
+                if not is_any:
                     await changed.wait()
                 await asyncio.sleep(1.0 / BATCHES_A_SECOND)
-
-    async def _send_news(self, viewer: Viewer) -> bool:
-        is_any = False
-        for stream in STREAMS:
-            message = viewer.take(stream)
-            if message is not None:
-                is_any = True
-                await self.send(message if isinstance(message, bytes) else as_json(message))
-        return is_any
 
 
 class ControlSocket(Socket):

@@ -25,18 +25,16 @@ if TYPE_CHECKING:
 
 _IDLE_S: Final = 0.02
 """Time in s between two steps of a session that computes no periods at present, for example a paused session."""
-
-
 MakeSession = Callable[[Callable[[str], None]], "LiveSession"]
 """Function that creates the session in the loop's process, given a function that shows a line of text to viewers."""
+LONGEST_END_S: Final = 3.0
+"""Time in s in which the process may end by itself. Then it is terminated and, after the same time again, killed."""
 
 
 def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
-    """Run the process until the pipe is closed or the session fails.
-
-    The process sends pairs: ("messages", list), ("answer", (number, Answer)) and, as the last pair, ("ended", error).
-    It receives pairs of a number and a request as JSON. With `fast` a period may take less time than on a vehicle.
-    """
+    """Run the process until the pipe is closed or the session fails. It sends pairs: ("messages", list), ("answer",
+    (number, Answer)) and, as the last pair, ("ended", error). It receives pairs of a number and a request as JSON. With
+    `fast` a period may take less time than on a vehicle."""
     # `os._exit` ends the process at once. An exception might be raised in a callback, where Python only prints it.
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
     # `started` blocked SIGTERM and SIGINT (Ctrl-C). SIGINT stays blocked, because the server ends this process.
@@ -147,10 +145,6 @@ def _that_travels(error: Exception) -> Exception:
     return error if type(copy) is type(error) and str(copy) == str(error) else StillwakeError(str(error))
 
 
-LONGEST_END_S: Final = 3.0
-"""Time in s in which the process may end by itself. Then it is terminated and, after the same time again, killed."""
-
-
 @contextmanager
 def started(make: MakeSession, *, fast: bool) -> Iterator[tuple[BaseProcess, Connection]]:
     """Start a process that executes `run`; yield the process and this side's end of the pipe. After the block, the
@@ -179,10 +173,3 @@ def started(make: MakeSession, *, fast: bool) -> Iterator[tuple[BaseProcess, Con
             if process.is_alive():
                 stop()
                 process.join(LONGEST_END_S)
-
-
-def how(status: int | None) -> str:
-    """Describe how a process ended, given its exit code in `multiprocessing`."""
-    if status is None or status >= 0:
-        return f"with status {status}"
-    return f"by {signal.Signals(-status).name}"

@@ -19,8 +19,6 @@ from firmware_sim.live.serving.process import MakeSession
 from firmware_sim.live.serving.supervisor import Supervisor
 
 _PAGE: Final = Path(str(files("firmware_sim.live").joinpath("page")))
-LOCALHOST: Final = "127.0.0.1"
-PORT: Final = 8765
 LOOK_S: Final = 0.1
 """Time in s between two calls of `is_stopped`."""
 PING_S: Final = 20.0
@@ -57,13 +55,9 @@ class BoundedServer(HTTPServer):
     """A server that limits the number, idle time and request size of connections, even before clients send a token."""
 
     def initialize(self, application: Application, *, idle_s: float = _IDLE_S) -> None:  # type: ignore[override]
-        super().initialize(
-            application,
-            idle_connection_timeout=idle_s,
-            body_timeout=idle_s,
-            max_header_size=handlers.LONGEST_REQUEST,
-            max_body_size=handlers.LONGEST_REQUEST,
-        )
+        limits: dict[str, Any] = {"idle_connection_timeout": idle_s, "body_timeout": idle_s}
+        limits |= dict.fromkeys(("max_header_size", "max_body_size"), handlers.LONGEST_REQUEST)
+        super().initialize(application, **limits)
         self._open: list[IOStream] = []
 
     def handle_stream(self, stream: IOStream, address: tuple[Any, ...]) -> None:
@@ -77,8 +71,6 @@ class BoundedServer(HTTPServer):
 
 
 class NotFound(handlers.Guarded):
-    """The handler of all addresses that have no other handler."""
-
     def prepare(self) -> None:
         super().prepare()
         if not self._finished:
@@ -88,23 +80,17 @@ class NotFound(handlers.Guarded):
 async def serve(
     make: MakeSession,
     *,
-    address: str = LOCALHOST,
-    port: int = PORT,
+    address: str = "127.0.0.1",
+    port: int,
     fast: bool = False,
     is_stopped: Callable[[], bool],
     ready: Callable[[str], None],
     report: Callable[[str], None],
 ) -> None:
-    """Serve the page until it is stopped or the loop fails. Raises StillwakeError if the port or the address cannot be
-    used, or the loop fails shortly after its start.
-
-    Args:
-        address: address of the server; requests need a token unless it is this machine's loopback address.
-        port: port number; 0 for any free port.
-        fast: whether a period may take less time than on a vehicle.
-        ready: called with the page's address as soon as the page can be opened.
-        report: called with a line of text about any work for which viewers have to wait.
-    """
+    """Serve the page until it is stopped or the loop fails. Requests need a token unless `address` is this machine's
+    loopback address; port 0 means any free port. With `fast`, a period may take less time than on a vehicle. `ready` is
+    called with the page's address as soon as the page can be opened, `report` with a line about any work for which
+    viewers wait. Raises StillwakeError if port or address cannot be used, or the loop fails shortly after its start."""
     sockets = _bound(address, port)
     access = handlers.PageAccess.to(address)
     supervisor = Supervisor(make, fast=fast, report=report)

@@ -2,6 +2,7 @@
 `Viewer` stores only its position in the streams, so a slow viewer needs no more memory than a fast viewer."""
 
 import asyncio
+import signal
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -12,7 +13,7 @@ from typing import Any, Final
 
 from contract.errors import StillwakeError
 from firmware_sim.live.loop.messages import KEPT_PERIODS, PERIOD_COLUMNS, LiveAnswer, LiveMessage, periods_message
-from firmware_sim.live.serving.process import LONGEST_END_S, MakeSession, how, started
+from firmware_sim.live.serving.process import LONGEST_END_S, MakeSession, started
 
 PICTURE: Final = "picture"
 STREAMS: Final = ("loop", "hello", "settings", "events", "periods", "now", "bus", PICTURE)
@@ -21,18 +22,33 @@ MOST_ROWS: Final = 500
 """Largest number of periods, or of events, in one message. A longer message would keep a new viewer waiting."""
 _KEPT: Final = {"events": 500, "periods": KEPT_PERIODS}
 """Largest number of stored items of these two streams. Of every other stream only the newest message is stored."""
+SHORT_LIFE_S: Final = 20.0
+"""Shortest time in s for which a loop must have run to be started again after a failure."""
+MOST_WAITING: Final = 32
+"""Largest number of requests, of all viewers together, that the loop has not answered yet."""
+STARTING: Final = "the loop starts; the first time, the flow solver is compiled, which takes a minute"
 
 
 class Hub:
-    """A store of the loop's messages."""
-
     def __init__(self) -> None:
         self._streams = {stream: Ring(_KEPT.get(stream, 1)) for stream in STREAMS}
         self._run = 0
 
     def put(self, messages: Iterable[LiveMessage | bytes]) -> None:
         for message in messages:
-            self._keep(message)
+            if isinstance(message, bytes):
+                self._streams[PICTURE].extend([message])
+            elif message["type"] == "periods":
+                columns = (message["columns"][name] for name in PERIOD_COLUMNS)
+                self._streams["periods"].extend(zip(*columns, strict=True))
+            elif message["type"] == "events":
+                self._streams["events"].extend(message["items"])
+            else:
+                if message["type"] == "hello":
+                    self._run = message["run"]
+                    for stream in ("events", "periods", "now", "bus", PICTURE):
+                        self._streams[stream].clear()
+                self._streams[message["type"]].extend([message])
 
     def after(self, stream: str, count: int) -> tuple[LiveMessage | bytes | None, int]:
         """Return what a stream received after its first `count` items (or None), and the count for the next call."""
@@ -44,21 +60,6 @@ class Hub:
         if stream == "events":
             return {"type": "events", "run": self._run, "items": items}, count
         return items[-1], count
-
-    def _keep(self, message: LiveMessage | bytes) -> None:
-        if isinstance(message, bytes):
-            self._streams[PICTURE].extend([message])
-        elif message["type"] == "periods":
-            columns = (message["columns"][name] for name in PERIOD_COLUMNS)
-            self._streams["periods"].extend(zip(*columns, strict=True))
-        elif message["type"] == "events":
-            self._streams["events"].extend(message["items"])
-        else:
-            if message["type"] == "hello":
-                self._run = message["run"]
-                for stream in ("events", "periods", "now", "bus", PICTURE):
-                    self._streams[stream].clear()
-            self._streams[message["type"]].extend([message])
 
 
 class Viewer:
@@ -100,13 +101,6 @@ class Ring:
         begin = max(count, first)
         end = min(begin + most, self._count)
         return [self._items[i - first] for i in range(begin, end)], max(end, count)
-
-
-SHORT_LIFE_S: Final = 20.0
-"""Shortest time in s for which a loop must have run to be started again after a failure."""
-MOST_WAITING: Final = 32
-"""Largest number of requests, of all viewers together, that the loop has not answered yet."""
-STARTING: Final = "the loop starts; the first time, the flow solver is compiled, which takes a minute"
 
 
 class Supervisor:
@@ -164,7 +158,9 @@ class Supervisor:
                         return error
             except (EOFError, OSError):
                 process.join(LONGEST_END_S)
-                return StillwakeError(f"the loop's process ended {how(process.exitcode)}")
+                status = process.exitcode
+                how = f"with status {status}" if status is None or status >= 0 else f"by {signal.Signals(-status).name}"
+                return StillwakeError(f"the loop's process ended {how}")
             finally:
                 self._send = None
                 for number in list(self._waiting):
@@ -198,7 +194,6 @@ class Supervisor:
             self._watching.discard(event)
 
     def _hear(self, messages: Sequence[LiveMessage | bytes]) -> None:
-        """Store new messages."""
         self.hub.put(messages)
         for message in messages:
             if isinstance(message, bytes):

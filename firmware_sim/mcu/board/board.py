@@ -41,22 +41,14 @@ _STAMPS: Final = 0x4000_0400
 _READABLE: Final = unicorn_const.UC_PROT_READ
 _LONGEST_US: Final = 600_000_000
 """Wall-clock time in us after which a core that is not asleep counts as failed."""
-
-
 Part = Counter | RandomNumbers | StampTimer | CanController | FlashController | CoreRegisters
 
 
 class Board(EmulatedCore):
-    """A board that has been switched on; `run` executes its firmware.
-
-    Args:
-        firmware: program in the first bank of flash.
-        bank: second bank of flash, changed in place; if None, an erased bank.
-        now_ns: initial value of the counter in ns.
-        cut_at: number of the flash operation, counted from 1, in which the supply fails; 0 for no failure.
-        seed: seed of the random numbers and of the contents of a partly programmed word.
-        backup: initial contents of the battery-supplied SRAM.
-    """
+    """A board that has been switched on; `run` executes the firmware in the first bank of flash. The second bank is
+    changed in place; None is an erased bank. The counter starts at `now_ns`. The supply fails in the flash operation
+    number `cut_at`, counted from 1; 0 means no failure. `seed` is for the random numbers and for the contents of a
+    partly programmed word. The battery-supplied SRAM starts with the contents `backup`."""
 
     def __init__(
         self,
@@ -85,15 +77,10 @@ class Board(EmulatedCore):
             self._core.mem_map(BANK + page, _PAGE, _READABLE)
         self._flash_changed(0, BANK_BYTES)
         self._exchange_pages()
-        parts: tuple[tuple[int, int, Part], ...] = (
-            (_COUNTER, 0x1000, self.counter),
-            (_RANDOM, 0x1000, self.random),
-            (_STAMPS, 0x1000, stamps),
-            (_CAN, 0x4000, self.can),
-            (_FLASH, 0x1000, self.flash),
-            (_CORE, 0x1000, self._registers),
-        )
-        for base, size, part in parts:
+        parts: dict[int, Part] = {_COUNTER: self.counter, _RANDOM: self.random, _STAMPS: stamps, _CAN: self.can}
+        parts |= {_FLASH: self.flash, _CORE: self._registers}
+        for base, part in parts.items():
+            size = 0x4000 if part is self.can else 0x1000
             self._core.mmio_map(base & -_PAGE, size, *self._registers_of(part, base & _PAGE - 1))
         self._core.hook_add(unicorn_const.UC_HOOK_MEM_WRITE_PROT, self._stored)
         self._core.hook_add(unicorn_const.UC_HOOK_MEM_READ_PROT, self._read_amid)
@@ -158,10 +145,9 @@ class Board(EmulatedCore):
     def _loaded(self, offset: int, size: int) -> int:
         """Return what the core reads at `offset`, in a page with unreadable words."""
         self.flash.stall()
-        if self.flash.is_bad(offset):
-            self.flash.found_bad(offset)
-            if not (self._registers.ignores_bus_faults and self._core.reg_read(arm_const.UC_ARM_REG_FAULTMASK)):
-                raise McuError(f"bus fault: the flash word at {BANK + offset:#x} is unreadable")
+        is_masked = self._registers.ignores_bus_faults and self._core.reg_read(arm_const.UC_ARM_REG_FAULTMASK)
+        if self.flash.finds_bad(offset) and not is_masked:
+            raise McuError(f"bus fault: the flash word at {BANK + offset:#x} is unreadable")
         return int.from_bytes(self.flash.bank.content[offset : offset + size], "little")
 
     def _flash_changed(self, offset: int, size: int) -> None:

@@ -1,5 +1,4 @@
 """The whole firmware on the emulated board as an ECU: it receives and sends frames through the board's CAN controller.
-
 The class has the interface of `ecu.ecu.Ecu` for a closed loop, and `advance` for diagnosis. The firmware itself decides
 when it makes a step: immediately if the step's frames include pressures, otherwise at the deadline in its compare
 register. The board's time is then advanced to this deadline. Values for observers are read from the firmware's memory.
@@ -26,25 +25,17 @@ from firmware_sim.mcu.build import BUS_KEY, NO_COMPILER, Firmware, bus_key_heade
 
 _SCRATCH: Final = SRAM + SRAM_BYTES - 16384
 """Start of the memory, after all linked sections, for structs that this class passes to functions of the firmware."""
+LONGEST_UNSEEN_NS: Final = 20_000_000
+"""Longest advance in ns between two reads of the bus. If its emulation takes longer, the board's time falls behind."""
 
 
 class BoardEcu(CEcuState):
-    """A board that has just been powered on. Raises LibraryError if the library has no ECU; McuError if the library
-    does not compile, or the compiler is missing.
-
-    Args:
-        sources: result of `ecu.in_c.c_ecu.ecu_sources`.
-        bank, now_ns: see `Board`; times: durations of flash operations.
-        own: files that replace the board's files (`compile_board`).
-        firmware: firmware compiled earlier from these sources.
-        secret: key of the bus, as written into a board at production; None without `bus.key`.
-
-    Attributes:
-        board: board of the present power cycle.
-        instructions, cycles: numbers of instructions and modelled cycles in the latest step.
-        waited_ns: time in ns for which the latest step waited for pressures.
-        resets: number of resets that the firmware requested.
-    """
+    """A board that has just been powered on. `sources` is the result of `ecu.in_c.c_ecu.ecu_sources`; `own` files
+    replace the board's files (`compile_board`), and `firmware` was compiled earlier from these sources. `Board`
+    explains `bank` and `now_ns`. `secret` is the key of the bus, as written into a board at production; None without
+    `bus.key`. `board` is the board of the present power cycle. `instructions` and `cycles` count those of the latest
+    step, which waited for pressures for `waited_ns`; `resets` counts the resets that the firmware requested. Raises
+    LibraryError if the library has no ECU; McuError if it does not compile, or the compiler is missing."""
 
     def __init__(
         self,
@@ -79,14 +70,9 @@ class BoardEcu(CEcuState):
     def power_on(self, bank: FlashBank, now_ns: int, *, cut_at: int = 0) -> None:
         """Start a new power cycle. The battery-supplied SRAM keeps its contents."""
         before: Board | None = getattr(self, "board", None)
+        backup = b"" if before is None else before.peek(BACKUP, BACKUP_BYTES)
         self.board = Board(
-            self.firmware,
-            bank,
-            now_ns=now_ns,
-            times=self._times,
-            cut_at=cut_at,
-            seed=self.resets,
-            backup=b"" if before is None else before.peek(BACKUP, BACKUP_BYTES),
+            self.firmware, bank, now_ns=now_ns, times=self._times, cut_at=cut_at, seed=self.resets, backup=backup
         )
         self._run()
         self._place = self._pointer("sw_board_ecu")
@@ -169,10 +155,6 @@ class BoardEcu(CEcuState):
         """Copy the ECU's state, without its workspace, from the board's memory."""
         size = self.structs.size("sw_ecu")
         self.structs.ffi.buffer(self._ecu, size)[:] = self.board.peek(self._place, size)
-
-
-LONGEST_UNSEEN_NS: Final = 20_000_000
-"""Longest advance in ns between two reads of the bus. If its emulation takes longer, the board's time falls behind."""
 
 
 def read_bank(path: Path) -> FlashBank:

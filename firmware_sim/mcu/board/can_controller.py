@@ -220,17 +220,10 @@ class _OnWire(NamedTuple):
 
 class TransmitBuffers:
     """The Tx buffer elements of an M_CAN: first `dedicated` dedicated buffers, then a FIFO of `size` elements.
-
-    Args:
-        element: function that returns the frame in an element.
-        duration_ns: function that returns the time in ns from the start of a frame until the next frame may start.
-
-    Attributes:
-        pending, transmitted: bits of the elements that wait to be sent, and of elements sent since their last request.
-        put: number of the FIFO's next free element.
-        is_on: whether the controller takes part in the bus; if False, it starts no frame.
-        left: sent frames in order, each stamped with the time of its request, and the end of its transmission in ns.
-    """
+    `element` returns the frame in an element, `duration_ns` the time in ns from its start until the next may start.
+    `pending` and `transmitted` have the bits of elements that wait to be sent, and that were sent since their last
+    request. `put` is the FIFO's next free element. No frame is started unless `is_on`. `left` has the sent frames in
+    order, each stamped with the time of its request, and with the end of its transmission in ns."""
 
     def __init__(self, element: Callable[[int], Frame], duration_ns: Callable[[Frame], int]) -> None:
         self._element, self._duration_ns = element, duration_ns

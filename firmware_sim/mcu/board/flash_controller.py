@@ -52,12 +52,8 @@ STM32H743: Final = FlashTimes()
 
 
 class FlashBank:
-    """The contents of a flash bank, which survive a loss of supply.
-
-    Attributes:
-        content: bytes of all sectors.
-        programmed: state of each word: 0 erased, 1 programmed, 2 unreadable.
-    """
+    """The contents of a flash bank, and the states of its words (0 erased, 1 programmed, 2 unreadable), which survive a
+    loss of supply."""
 
     def __init__(self) -> None:
         self.content = bytearray(b"\xff" * SECTOR * SECTORS)
@@ -77,16 +73,10 @@ class FlashBank:
 
 
 class FlashController:
-    """The registers of a flash bank's controller, which change the bank in place. `counter` advances during operations;
-    `cut_at` and `seed` are explained at `firmware_sim.mcu.board.board.Board`.
-
-    Args:
-        changed: called after each change with (offset of the first changed byte, number of changed bytes).
-
-    Attributes:
-        operations, erasures: numbers of operations (a sector erased or a word programmed), and of erased sectors.
-        stalled_ns: total time in ns for which the core stalled in reads of the bank.
-    """
+    """The registers of a flash bank's controller, which change the bank in place. `changed` is called after each change
+    with (offset of the first changed byte, number of changed bytes). `counter` advances during operations;
+    `firmware_sim.mcu.board.board.Board` explains `cut_at` and `seed`. `operations` counts erased sectors and programmed
+    words, `erasures` only sectors; `stalled_ns` is the total time for which the core stalled in reads of the bank."""
 
     def __init__(
         self,
@@ -166,13 +156,13 @@ class FlashController:
         if self.is_at_work and self._erasing >= 0:
             self._change_sector(self._erasing, self._random.randbytes(SECTOR), 2)
 
-    def is_bad(self, offset: int) -> bool:
-        """Return whether a read at this offset finds an error that cannot be corrected."""
-        return self.bank.programmed[offset // WORD] == 2
-
-    def found_bad(self, offset: int) -> None:
+    def finds_bad(self, offset: int) -> bool:
+        """Return whether a read at this offset finds an error that cannot be corrected; the registers then show it."""
+        if self.bank.programmed[offset // WORD] != 2:
+            return False
         self._status |= _DBECCERR
         self._fault = offset // WORD
+        return True
 
     def _erase(self, sector: int) -> None:
         is_cut = self._begins(self._times.erase_ns)

@@ -19,11 +19,7 @@ class SystemReset(Exception):  # noqa: N818
 
 class Counter:
     """The generic counter of Arm (CNTReadBase: CNTCV) at 1 GHz, followed by a compare register. The core's sleep ends
-    when the counter reaches the compare value. Both have two words, the low word first.
-
-    Attributes:
-        now_ns, compare_ns: values of the counter and of the compare register.
-    """
+    when the counter reaches the compare value. Both have two words, the low word first."""
 
     def __init__(self, now_ns: int = 0) -> None:
         self.now_ns, self.compare_ns = now_ns, 0
@@ -78,11 +74,8 @@ class StampTimer:
 
 
 class RandomNumbers:
-    """The RNG of an STM32H743 (CR with RNGEN, SR with DRDY and SEIS, DR); a seed determines its random numbers.
-
-    Attributes:
-        has_seed_error: whether SR reports an error of the seed; DR may then still have a value that must not be used.
-    """
+    """The RNG of an STM32H743 (CR with RNGEN, SR with DRDY and SEIS, DR); a seed determines its random numbers. With
+    `has_seed_error`, SR reports an error of the seed; DR may then still have a value that must not be used."""
 
     def __init__(self, seed: int) -> None:
         self._random, self._control, self.has_seed_error = random.Random(seed), 0, False
@@ -98,12 +91,7 @@ class RandomNumbers:
 
 
 class CoreRegisters:
-    """The system control space: CPACR, CCR with BFHFNMIGN, AIRCR with SYSRESETREQ, and the NVIC's ISER0 and ICPR0.
-
-    Attributes:
-        has_floats: whether CPACR enables the floating-point unit.
-        ignores_bus_faults: whether CCR lets handlers of the highest priority continue after a bus fault.
-    """
+    """The system control space: CPACR, CCR with BFHFNMIGN, AIRCR with SYSRESETREQ, and the NVIC's ISER0 and ICPR0."""
 
     _KEPT: Final = (0x100, 0x280, 0xD14, CPACR)
 
@@ -112,10 +100,12 @@ class CoreRegisters:
 
     @property
     def has_floats(self) -> bool:
+        """Whether CPACR enables the floating-point unit."""
         return self._kept[CPACR] >> 20 & 0xF == 0xF
 
     @property
     def ignores_bus_faults(self) -> bool:
+        """Whether CCR lets handlers of the highest priority continue after a bus fault."""
         return bool(self._kept[0xD14] & _BFHFNMIGN)
 
     def read(self, offset: int) -> int:

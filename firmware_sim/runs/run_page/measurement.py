@@ -76,13 +76,9 @@ def write_run(path: Path, folder: RunFolder) -> Counter[str]:
     """Write a finished run as a measurement file. Return, by message, how many frames have no channels in the file.
     Raises StillwakeError if there is no run, a file of the run is damaged, or the new file cannot be written."""
     log = run_log.load(folder.series)
-    return write_measurement(
-        path,
-        CanLog(folder.frames) if folder.frames.is_file() else (),
-        more=[run_group(log)],
-        events=_dated(folder, log),
-        facts=settings_of(log.metadata) | dict(log.metadata.versions) | {"bundle": log.metadata.digest},
-    )
+    frames = CanLog(folder.frames) if folder.frames.is_file() else ()
+    facts = settings_of(log.metadata) | dict(log.metadata.versions) | {"bundle": log.metadata.digest}
+    return write_measurement(path, frames, more=[run_group(log)], events=_dated(folder, log), facts=facts)
 
 
 def run_group(log: RunLog) -> ChannelGroup:

@@ -27,6 +27,30 @@ from wake.pictures.drawing import BLOWING, SUCKING, check_suffix
 _MOST_FRAMES: Final = 50_000
 """Largest number of frames in a log whose messages a page shows. Reading such a log takes ten seconds."""
 _BUS_HEADS: Final = ("identifier", "message", "frames", "per s", "lost", "end-to-end checks")
+_MOST: Final = 6
+"""Largest number of runs on a page; with more runs the curves could not be distinguished."""
+NONE: Final = "\N{EN DASH}"
+_SAME: Final = "="
+"""Text in place of a difference that is zero when written in the figure's number format."""
+_FIGURES: Final = (
+    ("mean Cd (wall), uncontrolled", "Cd_uncontrolled", ".4f"),
+    ("mean Cd (wall), controlled", "Cd_controlled", ".4f"),
+    ("less wall drag / %", "reduction_percent", ".2f"),
+    ("mean Cd, wall + slots + jet momentum, controlled", "Cd_net_controlled", ".4f"),
+    ("mean base Cp, controlled", "base_Cp_controlled", ".4f"),
+    ("mean |Cl|, controlled", "abs_Cl_controlled", ".4f"),
+    ("mean Cl, controlled", "mean_Cl_controlled", ".4f"),
+    ("rms action / U_inf W", "rms_action", ".4f"),
+    ("mean jet power / (rho U_inf^3 W / 2)", "jet_power_controlled", ".4f"),
+    ("periods with a request", "periods_requested", "d"),
+    ("periods in control", "periods_in_control", "d"),
+    ("control step p50 / ms", "mpc_ms_p50", ".2f"),
+    ("control step p99 / ms", "mpc_ms_p99", ".2f"),
+    ("sample to jets, max / ms", "sample_to_jets_ms_max", ".2f"),
+    ("frames lost", "frames_lost", "d"),
+    ("frames rejected", "frames_rejected", "d"),
+)
+"""Label, name in `firmware_sim.runs.summary.summary`, and number format of each figure."""
 
 
 class ReadRun(NamedTuple):
@@ -137,33 +161,6 @@ def _overview_figure(run: ReadRun) -> Figure:
     return figure
 
 
-_MOST: Final = 6
-"""Largest number of runs on a page; with more runs the curves could not be distinguished."""
-NONE: Final = "\N{EN DASH}"
-_SAME: Final = "="
-"""Text in place of a difference that is zero when written in the figure's number format."""
-
-_FIGURES: Final = (
-    ("mean Cd (wall), uncontrolled", "Cd_uncontrolled", ".4f"),
-    ("mean Cd (wall), controlled", "Cd_controlled", ".4f"),
-    ("less wall drag / %", "reduction_percent", ".2f"),
-    ("mean Cd, wall + slots + jet momentum, controlled", "Cd_net_controlled", ".4f"),
-    ("mean base Cp, controlled", "base_Cp_controlled", ".4f"),
-    ("mean |Cl|, controlled", "abs_Cl_controlled", ".4f"),
-    ("mean Cl, controlled", "mean_Cl_controlled", ".4f"),
-    ("rms action / U_inf W", "rms_action", ".4f"),
-    ("mean jet power / (rho U_inf^3 W / 2)", "jet_power_controlled", ".4f"),
-    ("periods with a request", "periods_requested", "d"),
-    ("periods in control", "periods_in_control", "d"),
-    ("control step p50 / ms", "mpc_ms_p50", ".2f"),
-    ("control step p99 / ms", "mpc_ms_p99", ".2f"),
-    ("sample to jets, max / ms", "sample_to_jets_ms_max", ".2f"),
-    ("frames lost", "frames_lost", "d"),
-    ("frames rejected", "frames_rejected", "d"),
-)
-"""Label, name in `firmware_sim.runs.summary.summary`, and number format of each figure."""
-
-
 class Cell(NamedTuple):
     """A figure of one run and its difference from the first run's figure, as texts; the difference may be empty."""
 
@@ -172,8 +169,8 @@ class Cell(NamedTuple):
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
-    """Return unique names of the runs, with parent folders if needed. Raises StillwakeError if there are too few or too
-    many runs, or a run is given twice."""
+    """Return unique names of the runs, with parent folders if needed. Raises StillwakeError for a wrong number of runs,
+    or a run that is given twice."""
     places = [Path(os.path.realpath(folder)) for folder in folders]
     if not 2 <= len(places) <= _MOST:
         raise StillwakeError(f"{len(places)} runs cannot be compared on a page; give between 2 and {_MOST} runs")

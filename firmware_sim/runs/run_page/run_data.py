@@ -18,6 +18,13 @@ from firmware_sim.runs.wake_stills import WakeStills
 from wake.pictures.drawing import outline
 
 _SENSOR: Final = re.compile(r"^(\w+):(?:.*,)?sensor(s?)=([^,]+)")
+MOST_EVENTS: Final = 400
+"""Largest number of events on a page; on a bus that loses frames, the mode can change very often."""
+_DOES: Final = {**DOES, SKIPPED: "the ECU was still computing or booting, and skipped the period"}
+_COLUMNS: Final = ("t", "Cd", "Cl", "base_Cp", "action", "mode", "step_ms", "speed")
+_DIGITS: Final = 5
+"""Number of decimals of the values; further decimals would not be visible on any screen."""
+_BINS: Final = 60
 
 
 class Disturbed(NamedTuple):
@@ -52,12 +59,6 @@ def _period(log: RunLog, seconds: str) -> int | None:
         return max(0, -(-round(float(seconds) * 1e9) // log.metadata.config.period_ns))
     except (ValueError, OverflowError):
         return None
-
-
-MOST_EVENTS: Final = 400
-"""Largest number of events on a page; on a bus that loses frames, the mode can change very often."""
-
-_DOES: Final = {**DOES, SKIPPED: "the ECU was still computing or booting, and skipped the period"}
 
 
 class RunEvent(NamedTuple):
@@ -98,12 +99,6 @@ def _states(log: RunLog) -> Iterator[RunEvent]:
         because = f"{because}; " if because and mode != SKIPPED else ""
         yield RunEvent(first, "state", f"{change}: {because}{_DOES[mode]}")
         before = mode
-
-
-_COLUMNS: Final = ("t", "Cd", "Cl", "base_Cp", "action", "mode", "step_ms", "speed")
-_DIGITS: Final = 5
-"""Number of decimals of the values; further decimals would not be visible on any screen."""
-_BINS: Final = 60
 
 
 def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:

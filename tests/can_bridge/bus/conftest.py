@@ -20,7 +20,6 @@ def config() -> BusConfig:
 
 @pytest.fixture
 def pair(config: BusConfig) -> Iterator[tuple[PythonCanBus, PythonCanBus]]:
-    """Two nodes on it."""
     with PythonCanBus.open(config) as one, PythonCanBus.open(config) as other:
         yield one, other
 

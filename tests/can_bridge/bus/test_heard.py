@@ -1,5 +1,6 @@
 """What a node hears while nothing usable arrives, in one line; and frames as python-can's messages."""
 
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -10,18 +11,9 @@ from can_bridge.bus.conversion import frame_of, to_message
 from can_bridge.bus.heard import Heard, Silence, line
 from can_bridge.bus.interface import Rejection
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_sets import CLASSIC, FD, SECURED, MessageSet
+from can_bridge.wire.message_sets import CLASSIC, FD, SECURED
 from tests.can_bridge.can_messages import frames
 from tests.each import each
-
-
-def line_for(messages: MessageSet, ids: dict[int, int], **rejected: int) -> str:
-    """The line for frames of these identifiers and lengths, fifty each."""
-    heard = Heard()
-    for frame_id, length in ids.items():
-        heard.add([Frame(frame_id=frame_id, data=bytes(length), is_fd=messages is not CLASSIC)] * 50)
-    reasons = dict.fromkeys(Rejection, 0) | {Rejection[name]: count for name, count in rejected.items()}
-    return line(heard, messages.command.spec, messages, reasons, sender="ECU")
 
 
 @each(
@@ -44,7 +36,12 @@ def line_for(messages: MessageSet, ids: dict[int, int], **rejected: int) -> str:
     ],
 )
 def test_the_line_names_the_cause_and_what_would_do(messages, ids, rejected, expected) -> None:
-    text = line_for(messages, ids, **rejected)
+    """The line for frames of these identifiers and lengths, fifty each."""
+    heard = Heard()
+    for frame_id, length in ids.items():
+        heard.add([Frame(frame_id=frame_id, data=bytes(length), is_fd=messages is not CLASSIC)] * 50)
+    reasons = Counter(dict.fromkeys(Rejection, 0) | {Rejection[name]: count for name, count in rejected.items()})
+    text = line(heard, messages.command.spec, messages, reasons, sender="ECU")
     assert text.startswith(f"no usable {messages.command.spec.name} (0x{messages.command.spec.frame_id:03x}) in 1 s: ")
     assert expected in text
     assert "\n" not in text

@@ -1,9 +1,4 @@
-"""SocketCAN, on a virtual CAN network where there is one:
-
-sudo ip link add dev vcan0 type vcan
-sudo ip link set up mtu 72 vcan0
-python -m pytest tests/can_bridge/bus/test_socketcan.py
-"""
+"""SocketCAN, on a virtual CAN network where there is one: docs/how-to/use-a-real-bus.md."""
 
 from dataclasses import replace
 from pathlib import Path

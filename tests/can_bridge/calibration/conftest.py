@@ -1,14 +1,11 @@
-"""A release's calibration on a vehicle with limits, and a tool's key."""
-
-from itertools import count
+"""A release's calibration on a vehicle with limits."""
 
 import pytest
 
 from can_bridge.calibration.segment import Segment
 from can_bridge.calibration.xcp_slave import XcpSlave
-from can_bridge.uds.security import AccessKey
 from contract.controller.calibration import CALIBRATION_NAMES, Calibration, CalibrationLimits
-from tests.can_bridge.flashing.store_ecu import KEY
+from tests.can_bridge.flashing.store_ecu import KEY, counted
 
 REFERENCE = Calibration.of((1.0, 0.1, 0.01, 0.0, 8.0, 0.0, 0.0, 0.0, 0.075, 0.0375, 1))
 LIMITS = CalibrationLimits(
@@ -17,7 +14,6 @@ LIMITS = CalibrationLimits(
 
 
 def changed(**values: float) -> Calibration:
-    """The reference with other values by their names."""
     return Calibration.of(
         [values.get(name, own) for name, own in zip(CALIBRATION_NAMES, REFERENCE.values, strict=True)]
     )
@@ -29,11 +25,5 @@ def segment() -> Segment:
 
 
 @pytest.fixture
-def access() -> AccessKey:
-    return KEY
-
-
-@pytest.fixture
-def slave(segment, access) -> XcpSlave:
-    seeds = count(1)
-    return XcpSlave(segment, access, lambda length: bytes([next(seeds)] * length), period_ns=20_000_000)
+def slave(segment) -> XcpSlave:
+    return XcpSlave(segment, KEY.answer, counted(), period_ns=20_000_000)

@@ -25,10 +25,11 @@ TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|/begin|/end|[^\s"]+')
 A2LTOOL = shutil.which("a2ltool") or shutil.which("a2ltool", path=str(Path(sys.executable).parent))
 DATA_TYPES = {"FLOAT32_IEEE": "<f", "ULONG": "<I", "UBYTE": "<B", "SBYTE": "<b"}
 PERIOD_NS = 20_000_000
+VALUES = changed(**{name: 0.5 + index for index, name in enumerate(CALIBRATION_NAMES[:7])}, delay_steps=5)
 
 
 class Block(NamedTuple):
-    """What stands between /begin and /end: words, and blocks within."""
+    """The words between /begin and /end, and the blocks within."""
 
     keyword: str
     words: list[str]
@@ -46,7 +47,6 @@ class Block(NamedTuple):
 
 
 def read(text: str) -> Block:
-    """Raises AssertionError for blocks that do not close."""
     root = Block("", [], [])
     open_blocks = [root]
     # The meta language has its own grammar; whether the rest follows it is for the tools below.
@@ -85,15 +85,13 @@ def test_it_is_plain_text_of_version_1_71(text, module):
 def test_every_value_is_where_the_file_says_with_its_limits_and_unit(module):
     layouts = {block.words[0]: block.words[3] for block in module.all("RECORD_LAYOUT")}
     units = {block.words[0]: block.words[-1] for block in module.all("COMPU_METHOD")}
-    values = changed(**{name: 0.5 + index for index, name in enumerate(CALIBRATION_NAMES[:7])}, delay_steps=5)
     blocks = module.all("CHARACTERISTIC")
     assert [block.words[0] for block in blocks] == list(CALIBRATION_NAMES)
-    for block, value, least, greatest in zip(
-        blocks, values.values, LIMITS.least.values, LIMITS.greatest.values, strict=True
-    ):
+    rows = zip(blocks, VALUES.values, LIMITS.least.values, LIMITS.greatest.values, strict=True)
+    for block, value, least, greatest in rows:
         name, _, kind, address, layout, difference, conversion, *limits = block.words
         assert (kind, difference) == ("VALUE", "0")
-        there = struct.unpack_from(DATA_TYPES[layouts[layout]], values.pack(), int(address, 16) - ADDRESS)
+        there = struct.unpack_from(DATA_TYPES[layouts[layout]], VALUES.pack(), int(address, 16) - ADDRESS)
         assert there == pytest.approx((value,)), name
         assert [float(word) for word in limits] == [least, greatest]
         expected = {"action_limit": '"U_inf W"', "command_step": '"U_inf W"', "delay_steps": '"control periods"'}
@@ -103,11 +101,10 @@ def test_every_value_is_where_the_file_says_with_its_limits_and_unit(module):
 
 
 def test_what_is_measured_is_where_the_file_says(module, slave):
-    values = changed(**{name: 0.5 + index for index, name in enumerate(CALIBRATION_NAMES[:7])}, delay_steps=5)
     pressures = np.array([0.25, -0.5, 0.75, -1.0])
-    states: dict[str, Any] = {"mode": Mode.CONTROL, "reason": Reason.STALE, "gated": 48, "calibration": values}
+    states: dict[str, Any] = {"mode": Mode.CONTROL, "reason": Reason.STALE, "gated": 48, "calibration": VALUES}
     measured = measured_bytes(pressures, 0.0625, **states, correction=0.9476)
-    expected = [*pressures, 0.0625, Mode.CONTROL, Reason.STALE, 48, -52, *values.values]
+    expected = [*pressures, 0.0625, Mode.CONTROL, Reason.STALE, 48, -52, *VALUES.values]
     blocks = module.all("MEASUREMENT")
     assert module.all("GROUP")[-1].one("REF_MEASUREMENT").words == [block.words[0] for block in blocks]
     end = MEASURED_ADDRESS
@@ -170,6 +167,5 @@ def test_a2ltool_finds_nothing_to_complain_of(text, tmp_path):
     command = [str(A2LTOOL), "--strict", "--check", "--show-xcp", str(path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "No problems found" in done.stdout
-    assert "CAN id master: 0x7D0" in done.stdout
-    assert "CAN id slave: 0x7D8" in done.stdout
+    for words in ("No problems found", "CAN id master: 0x7D0", "CAN id slave: 0x7D8"):
+        assert words in done.stdout

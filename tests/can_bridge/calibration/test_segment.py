@@ -25,9 +25,7 @@ def test_values_are_taken_together_and_once_from_the_page_in_force(segment):
     assert segment.take() is None
     segment.write(OFFSETS["effort"], float_bytes(0.5))
     segment.write(OFFSETS["delay_steps"], (3).to_bytes(4, "little"))
-    taken = segment.take()
-    assert (taken.weights.effort, taken.weights.smoothness, taken.delay_steps) == (0.5, 8.0, 3)
-    assert segment.take() is None
+    assert (segment.take(), segment.take()) == (changed(effort=0.5, delay_steps=3), None)
     # As in C, a zero of the other sign counts as another value: a tool can measure it.
     for zero in (0.0, -0.0):
         segment.write(OFFSETS["effort"], float_bytes(zero))
@@ -37,13 +35,12 @@ def test_values_are_taken_together_and_once_from_the_page_in_force(segment):
     segment.write(OFFSETS["rate"], float_bytes(0.5))
     assert segment.take() is None
     segment.page = Page.WORKING
-    taken = segment.take()
-    assert (taken.weights.effort, taken.weights.rate) == (0.0, 0.5)
+    assert segment.take() == changed(rate=0.5, delay_steps=3)
     assert segment.read(Page.REFERENCE, 0, 44) == REFERENCE.pack()
     # What is set or reverted is in force at once.
     segment.page = Page.REFERENCE
     segment.set(changed(effort=0.25))
-    assert segment.take().weights.effort == 0.25
+    assert segment.take() == changed(effort=0.25)
     segment.page = Page.REFERENCE
     segment.revert()
     assert (segment.take(), segment.page) == (REFERENCE, Page.WORKING)
@@ -65,18 +62,13 @@ def test_half_of_a_value_waits_for_the_rest_or_is_dropped():
     segment = begun()
     assert segment.read(Page.WORKING, begin, 4) == first + b"\x00"
     segment.write(end, second)
-    taken = segment.take()
-    assert taken is not None and taken.weights.effort == 2.0
+    assert segment.take() == changed(effort=2.0)
     # Its rest is refused; the page is left; another value is written.
     segment = begun()
     with pytest.raises(ConfigError, match="effort = 2048"):
         segment.write(end, float_bytes(2048.0)[3:])
     assert segment.read(Page.WORKING, 0, 44) == REFERENCE.pack()
-    for drop in (
-        lambda one: one.revert(),
-        lambda one: one.copy_reference(),
-        lambda one: one.write(OFFSETS["rate"], float_bytes(0.0)),
-    ):
+    for drop in (Segment.revert, Segment.copy_reference, lambda one: one.write(OFFSETS["rate"], float_bytes(0.0))):
         segment = begun()
         drop(segment)
         assert segment.read(Page.WORKING, 0, 44) == REFERENCE.pack()

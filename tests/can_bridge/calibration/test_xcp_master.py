@@ -13,11 +13,12 @@ import pytest
 from can_bridge.calibration.a2l import a2l_text
 from can_bridge.calibration.daq import measured_bytes
 from can_bridge.calibration.segment import ADDRESS
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.vehicle import BusConfig
 from tests.can_bridge.calibration.conftest import REFERENCE
 from tests.can_bridge.calibration.test_a2l import read
+from tests.can_bridge.flashing.store_ecu import KEY
 from tests.can_bridge.uds.addresses import COMMAND_ID, XCP_RESPONSE_ID
 
 config = pytest.importorskip("pyxcp.config")
@@ -26,19 +27,20 @@ types = pytest.importorskip("pyxcp.types")
 daq_stim = pytest.importorskip("pyxcp.daq_stim")
 checksum = pytest.importorskip("pyxcp.checksum")
 EFFORT = ADDRESS + 20
+TYPES = {"FLOAT32_IEEE": "F32", "UBYTE": "U8", "SBYTE": "I8", "ULONG": "U32"}
 
 
 class SlaveBus(can.BusABC):
-    """What answers each command, behind python-can's interface; `put` is what comes unasked."""
+    """A slave that answers each command, behind python-can's interface; `put` is what comes unasked."""
 
-    def __init__(self, answers):
-        self._answers = answers
+    def __init__(self, slave):
+        self._slave = slave
         self._queue: queue.Queue[can.Message] = queue.Queue()
         super().__init__(channel=0)
 
     def send(self, msg, timeout=None):
         assert msg.arbitration_id == COMMAND_ID
-        self.put(self._answers(bytes(msg.data)))
+        self.put(self._slave.command(0, bytes(msg.data)))
 
     def put(self, packets):
         for packet in packets:
@@ -55,16 +57,8 @@ class Periods(daq_stim.DaqOnlinePolicy):  # type: ignore[name-defined,misc]
     """Measures these values (name, address, extension, type); `rows` has those of each period."""
 
     def __init__(self, measured):
-        daq_list = daq_stim.DaqList(
-            name="period",
-            event_num=0,
-            stim=False,
-            enable_timestamps=False,
-            measurements=measured,
-            priority=0,
-            prescaler=1,
-        )
-        super().__init__([daq_list], logger=logging.getLogger("pyxcp"))
+        own = daq_stim.DaqList("period", event_num=0, stim=False, enable_timestamps=False, measurements=measured)
+        super().__init__([own], logger=logging.getLogger("pyxcp"))
         self.pid_off = False
         self.rows: queue.Queue[dict[str, float]] = queue.Queue()
 
@@ -72,26 +66,21 @@ class Periods(daq_stim.DaqOnlinePolicy):  # type: ignore[name-defined,misc]
         self.rows.put(dict(zip((name for name, *_ in self.daq_lists[0].headers), payload, strict=True)))
 
 
-def measurements(text):
-    """What the A2L file says is measured, as pyxcp wants it."""
-    types_of = {"FLOAT32_IEEE": "F32", "UBYTE": "U8", "SBYTE": "I8", "ULONG": "U32"}
-    blocks = read(text).one("PROJECT").one("MODULE").all("MEASUREMENT")
-    return [(one.words[0], int(one.after("ECU_ADDRESS"), 16), 0, types_of[one.words[2]]) for one in blocks]
-
-
 @pytest.fixture
 def bus(slave) -> Iterator[SlaveBus]:
-    made = SlaveBus(lambda data: slave.command(0, data))
+    made = SlaveBus(slave)
     yield made
     made.shutdown()
     config.reset_application()
 
 
-def test_a_master_connects_reads_writes_stores_and_measures_all_that_the_file_names(slave, segment, access, bus):
+def test_a_master_connects_reads_writes_stores_and_measures_all_that_the_file_names(slave, segment, bus):
     ids = {"can_id_master": COMMAND_ID, "can_id_slave": XCP_RESPONSE_ID, "interface": "virtual"}
     application = config.create_application_from_config({"Transport": {"CAN": ids}}, log_level=logging.ERROR)
-    application.general.seed_n_key_function = lambda resource, seed: access.answer(Level.CALIBRATION, seed)
-    measured = measurements(a2l_text(segment, release="r", bus=BusConfig(), period_ns=20_000_000))
+    application.general.seed_n_key_function = lambda resource, seed: KEY.answer(Level.CALIBRATION, seed)
+    text = a2l_text(segment, release="r", bus=BusConfig(), period_ns=20_000_000)
+    blocks = read(text).one("PROJECT").one("MODULE").all("MEASUREMENT")
+    measured = [(one.words[0], int(one.after("ECU_ADDRESS"), 16), 0, TYPES[one.words[2]]) for one in blocks]
     periods = Periods(measured)
     with masters.Master("can", config=application, policy=periods, transport_layer_interface=bus) as master:
         found = master.connect()
@@ -107,10 +96,10 @@ def test_a_master_connects_reads_writes_stores_and_measures_all_that_the_file_na
         master.cond_unlock()
         assert not master.getStatus().resourceProtectionStatus.calpag
 
+        assert not master.getCommModeInfo().commModeOptional.masterBlockMode
         master.setMta(EFFORT)
         master.download(struct.pack("<f", 0.25))
         assert segment.take().weights.effort == 0.25
-        assert not master.getCommModeInfo().commModeOptional.masterBlockMode
         master.setMta(ADDRESS)
         assert master.buildChecksum(44).checksum == checksum.check(segment.in_force.pack(), "XCP_CRC_32")
 

@@ -1,7 +1,5 @@
-"""Packets as the tables of the standard (ASAM MCD-1 XCP, part 2) have them, written out by hand.
-
-A tool that sends anything in any state is in `tests/proofs/loader_in_c/xcp_tool.py`.
-"""
+"""Packets as the tables of the standard (ASAM MCD-1 XCP, part 2) have them, written out by hand; for anything in any
+state see `tests/proofs/loader_in_c/xcp_tool.py`."""
 
 import struct
 import zlib
@@ -12,10 +10,10 @@ import pytest
 from can_bridge.calibration.daq import measured_bytes
 from can_bridge.calibration.xcp import Command
 from can_bridge.calibration.xcp_slave import IDLE_NS, XcpSlave
-from can_bridge.flashing.access_level import Level
-from can_bridge.uds.security import AccessKey
+from can_bridge.flashing.state import Level
 from can_bridge.wire.messages import Mode, Reason
 from tests.can_bridge.calibration.conftest import REFERENCE, changed
+from tests.can_bridge.flashing.store_ecu import KEY
 
 CONNECT = "FF 00"
 START, EFFORT = "F6 00 00 00 00 00 00 20", "F6 00 00 00 14 00 00 20"
@@ -46,25 +44,23 @@ def talk(slave: XcpSlave, text: str) -> None:
         assert ask(slave, *each) == names.get(answer, answer), line
 
 
-def unlock(slave: XcpSlave, access: AccessKey, *, flip: int = 0) -> str:
+def unlock(slave: XcpSlave, *, flip: int = 0) -> str:
     """Fetch the seed, send the key in pieces; the last answer."""
-    seed, left = b"", 12
+    seed = b""
     for mode in (0, 1):
         (answer,) = slave.command(0, bytes([0xF8, mode, 1]))
-        assert answer[:2] == bytes([0xFF, left])
+        assert answer[:2] == bytes([0xFF, 12 - len(seed)])
         seed += answer[2:]
-        left = 12 - len(seed)
-    key = bytearray(access.answer(Level.CALIBRATION, seed))
+    key = bytearray(KEY.answer(Level.CALIBRATION, seed))
     key[-1] ^= flip
-    assert slave.command(0, bytes([0xF7, 16]) + key[:6]) == [bytes.fromhex("FF 01")]
-    assert slave.command(0, bytes([0xF7, 10]) + key[6:12]) == [bytes.fromhex("FF 01")]
+    assert [ask(slave, f"F7 {16 - at:02X} {key[at : at + 6].hex()}") for at in (0, 6)] == ["FF 01", "FF 01"]
     return ask(slave, f"F7 04 {key[12:].hex()} 00 00")
 
 
 @pytest.fixture
-def unlocked(slave, access) -> XcpSlave:
+def unlocked(slave) -> XcpSlave:
     ask(slave, CONNECT)
-    assert unlock(slave, access) == "FF 00"
+    assert unlock(slave) == "FF 00"
     return slave
 
 
@@ -117,32 +113,32 @@ def test_what_a_tool_reads(slave):
         assert ask(slave, command) == ERRORS["SYNTAX"], command
 
 
-def test_only_the_right_key_opens_changes_until_the_end_of_its_connection(slave, access, segment):
+def test_only_the_right_key_opens_changes_until_the_end_of_its_connection(slave, segment):
     ask(slave, CONNECT, EFFORT)
     for command in (ONE, "EB 83 00 01", "EA 01 00", "E4 00 01 00 00", "F9 01 00 00"):
         assert ask(slave, command) == ERRORS["LOCKED"]
     for flip in (1, 0x80):
         ask(slave, CONNECT)
-        assert unlock(slave, access, flip=flip) == ERRORS["LOCKED"]
+        assert unlock(slave, flip=flip) == ERRORS["LOCKED"]
         assert ask(slave, EFFORT) == ""
         assert ask(slave, CONNECT, EFFORT, ONE) == ERRORS["LOCKED"]
     for again in (CONNECT, "FE"):
         ask(slave, CONNECT)
-        assert unlock(slave, access) == "FF 00"
+        assert unlock(slave) == "FF 00"
         assert ask(slave, again, CONNECT, EFFORT, ONE) == ERRORS["LOCKED"], again
     assert segment.take() is None and slave.to_store(0) is None
-    assert unlock(slave, access) == "FF 00"
+    assert unlock(slave) == "FF 00"
     talk(slave, "FD > FF 00 00 00 00 00\nEFFORT + ONE > FF\nF0 04 00 00 00 40 > FF")
     taken = segment.take()
     assert (taken.weights.effort, taken.weights.rate) == (1.0, 2.0)
     # Another connection begins with the working page, and at no address.
     ask(slave, START, "EB 02 00 01", "FE", CONNECT)
     assert ask(slave, "F5 01") == ERRORS["DENIED"]
-    unlock(slave, access)
+    unlock(slave)
     talk(slave, "EA 02 00 > FF 00 00 00\nFA 01 + FE + CONNECT + F5 01 > DENIED")
 
 
-def test_seed_and_key_come_in_order_and_a_key_is_good_for_one_seed(slave, access):
+def test_seed_and_key_come_in_order_and_a_key_is_good_for_one_seed(slave):
     key = "F7 10 00 00 00 00 00 00"
     talk(
         slave,
@@ -159,12 +155,11 @@ def test_seed_and_key_come_in_order_and_a_key_is_good_for_one_seed(slave, access
         {key} > SEQUENCE
         """,
     )
-    assert unlock(slave, access) == "FF 00"
+    assert unlock(slave) == "FF 00"
     talk(slave, f"{key} > SEQUENCE\nF8 00 01 > FF 00\n{key} > SEQUENCE")
     ask(slave, CONNECT, "F8 00 01", "F8 01 01")
-    old = access.answer(Level.CALIBRATION, bytes([1] * 12))
-    pieces = [bytes([0xF7, 16, *old[:6]]), bytes([0xF7, 10, *old[6:12]]), bytes([0xF7, 4, *old[12:]])]
-    assert ask(slave, *(piece.hex() for piece in pieces)) == ERRORS["LOCKED"]
+    old = KEY.answer(Level.CALIBRATION, (1).to_bytes(12, "big"))
+    assert ask(slave, *(f"F7 {16 - at:02X} {old[at : at + 6].hex()}" for at in (0, 6, 12))) == ERRORS["LOCKED"]
 
 
 def test_a_connection_that_is_left_alone_ends(unlocked, segment):
@@ -307,8 +302,7 @@ def test_each_period_is_sent_whole_or_not_at_all(slave):
 
 def test_pages(unlocked, segment):
     talk(unlocked, "EFFORT + ONE + EA 01 00 > FF 00 00 00\nEB 01 00 01 > FF")
-    assert segment.take() is None
-    assert segment.in_force == REFERENCE
+    assert (segment.take(), segment.in_force) == (None, REFERENCE)
     talk(
         unlocked,
         """
@@ -335,19 +329,16 @@ def test_pages(unlocked, segment):
     assert segment.take() is None
 
 
-def test_storing_is_asked_for_with_the_values_of_the_moment_and_reported_or_ends_with_its_connection(
-    unlocked, access, segment
-):
+def test_the_values_of_the_moment_are_stored_or_dropped_with_the_connection(unlocked, segment):
     slave = unlocked
     talk(slave, "F9 02 00 00 > RANGE\nF9 01 00 00 > FF\nFD > FF 01 00 00 00 00")
-    assert slave.to_store(0) == segment.in_force
-    assert slave.stored() == [b"\xfd\x03"]
+    assert (slave.to_store(0), slave.stored()) == (segment.in_force, [b"\xfd\x03"])
     talk(slave, "FD > FF 00 00 00 00 00\nF9 01 00 00 > FF")
     slave.not_stored()
     talk(slave, "FD > FF 00 00 00 00 00")
     for ends, now_ns in (("FE", 0), (CONNECT, 0), ("", IDLE_NS + 1)):
         ask(slave, CONNECT)
-        unlock(slave, access)
+        unlock(slave)
         ask(slave, "F9 01 00 00")
         before = segment.in_force
         segment.set(changed(lift=before.weights.lift + 1.0))

@@ -37,6 +37,7 @@ SETS: Final = {"fd": FD, "classic": CLASSIC, "secured": SECURED}
 STEP: Final = {kind: one.pressure_resolution_pa for kind, one in SETS.items()}
 """Steps of a pressure on the wire, Pa."""
 KEY: Final = bytes(range(1, 17))
+VALID: Final = (True,) * 4
 
 
 @dataclass(frozen=True)
@@ -57,15 +58,8 @@ def drive(kind: str, rows: int, seed: int) -> Drive:
 
 
 def pressure(
-    one: Drive,
-    k: int,
-    time_s: float,
-    *,
-    valid: Sequence[bool] = (True,) * 4,
-    age_ms: float = 0.0,
-    counter: int | None = None,
+    one: Drive, k: int, time_s: float, *, valid: Sequence[bool] = VALID, age_ms: float = 0.0, counter: int | None = None
 ) -> can.Message:
-    """The Pressure frame of row k."""
     values = Pressure(tuple(one.Cp[k] * PRESSURE), tuple(valid), True, round(age_ms * 1e6))
     return framed(SETS[one.kind].pressure, values, k if counter is None else counter, time_s)
 
@@ -85,7 +79,6 @@ def speed(kind: str, k: int, time_s: float, value: float | None, density: float 
 
 
 def framed(message: Message[Any], values: Any, counter: int, time_s: float) -> can.Message:
-    """Encoded and protected."""
     spec = message.spec
     state = SenderState(counter=counter % profile_of(spec).counter_period)
     frame = protected_frame(state, message.emit(values), spec=spec, now_ns=0)
@@ -106,24 +99,27 @@ def log_of(
 
 
 SCALES = Scales(period=0.2, point=OperatingPoint(), action_limit=0.075)
-LOG = Path("drive.blf")
 EXACT = 1e-12
 """Two ways to multiply the same steps of the wire."""
 KINDS = ("fd", "classic", "secured")
 
 
-def read(messages: list[can.Message], **options: Any) -> LogSeries:
-    return series_of(LOG, messages, SCALES, **{"fill": 2, "split": False, **options})
+def read(messages: list[can.Message], scales: Scales = SCALES, **options: Any) -> LogSeries:
+    return series_of(Path("drive.blf"), messages, scales, **{"fill": 2, "split": False, **options})
 
 
 def in_time(messages: list[can.Message]) -> list[can.Message]:
     return sorted(messages, key=lambda message: message.timestamp)
 
 
+def close(found: Array | float, wanted: Array | float) -> None:
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=EXACT)
+
+
 def same(series: LogSeries, one: Drive, first: int = 0) -> None:
     (piece,) = series.pieces
-    np.testing.assert_allclose(piece.Cp, one.Cp[first : first + len(piece)], atol=EXACT)
-    np.testing.assert_allclose(piece.action, one.action[first : first + len(piece)], atol=EXACT)
+    close(piece.Cp, one.Cp[first : first + len(piece)])
+    close(piece.action, one.action[first : first + len(piece)])
 
 
 def at(message: can.Message, time_s: float) -> can.Message:

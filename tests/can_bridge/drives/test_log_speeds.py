@@ -6,26 +6,10 @@ import can
 import numpy as np
 import pytest
 
-from can_bridge.drives.log_to_series import series_of
 from contract.config.operating_point import OperatingPoint
 from contract.errors import DatasetError
-from tests.can_bridge.drives.drive_log import (
-    EXACT,
-    FLOW,
-    KINDS,
-    LOG,
-    PERIOD,
-    PRESSURE,
-    SCALES,
-    Drive,
-    drive,
-    in_time,
-    log_of,
-    noise,
-    read,
-    same,
-    speed,
-)
+from tests.can_bridge.drives import drive_log
+from tests.can_bridge.drives.drive_log import PERIOD, SCALES, Drive, close, drive, in_time, log_of, read, same, speed
 from tests.refused import refused
 
 
@@ -36,29 +20,26 @@ def with_speeds(one: Drive, speeds: list[float | None], *, density: float | None
 
 
 def test_the_speed_in_the_log_makes_the_coefficients_and_contradictions_are_named() -> None:
-    for kind in KINDS:
+    for kind in drive_log.KINDS:
         one = drive(kind, 60, 21)
         messages = with_speeds(one, [20.0] * 60, density=1.1)
         scales = replace(SCALES, period=0.16)
-        (piece,) = series_of(LOG, messages, scales, fill=2, split=False).pieces
+        (piece,) = read(messages, scales).pieces
         # q = 1.1 * 20^2 / 2 Pa, U W = 20 * 2.5 m2/s.
-        np.testing.assert_allclose(piece.Cp, one.Cp * PRESSURE / 220.0, atol=EXACT)
-        np.testing.assert_allclose(piece.action, one.action * FLOW / 50.0, atol=EXACT)
-        for wrong, text in (
-            (
-                replace(SCALES, period=0.2),
-                r"20 ms apart, .* 20 m/s .*0\.16 W .*flow.control_period is 0\.2 .*25 m/s.*flow.control_period=0\.16",
-            ),
-            (replace(scales, given=frozenset({"operating_point.speed"})), r"speed = 25 m/s, but its .* state 20 m/s"),
-            (
-                replace(scales, given=frozenset({"operating_point.density"})),
-                r"density = 1\.2 kg/m3, but its .* state 1\.1 kg",
-            ),
+        close(piece.Cp, one.Cp * drive_log.PRESSURE / 220.0)
+        close(piece.action, one.action * drive_log.FLOW / 50.0)
+        period = r"20 ms apart, .* 20 m/s .*0\.16 W .*_period is 0\.2 .*25 m/s.*flow.control_period=0\.16"
+        with refused(DatasetError, period):
+            read(messages)
+        given, state = frozenset({"operating_point.speed", "operating_point.density"}), "but its .* state"
+        for point, text in (
+            (OperatingPoint(density=1.1), rf"speed = 25 m/s, {state} 20 m/s"),
+            (OperatingPoint(speed=20.0), rf"density = 1\.2 kg/m3, {state} 1\.1 kg"),
         ):
             with refused(DatasetError, text):
-                series_of(LOG, messages, wrong, fill=2, split=False)
-        agreed = replace(scales, point=OperatingPoint(speed=20.1), given=frozenset({"operating_point.speed"}))
-        assert series_of(LOG, messages, agreed, fill=2, split=False).speed == (20.0, 20.0, 20.0)
+                read(messages, replace(scales, point=point, given=given))
+        agreed = replace(scales, point=OperatingPoint(speed=20.1, density=1.1), given=given)
+        assert read(messages, agreed).speed == (20.0, 20.0, 20.0)
     # A vehicle that does not know its speed: the operating point's.
     one = drive("fd", 60, 22)
     series = read(with_speeds(one, [None] * 60))
@@ -75,7 +56,7 @@ def test_rows_of_a_speed_that_varies_lie_at_equal_ways() -> None:
     pressures = np.round((-0.5 + 0.01 * way[:, None] + 0.1 * np.arange(4)) * q[:, None] / 0.1) * 0.1
     # Jets reach the action of row k at row k + 1.
     flows = np.round(5e-4 * later * speeds * 2.5 / 2e-4) * 2e-4
-    one = Drive("fd", pressures / PRESSURE, flows / FLOW)
+    one = Drive("fd", pressures / drive_log.PRESSURE, flows / drive_log.FLOW)
     series = read(with_speeds(one, speeds.tolist()))
     (piece,) = series.pieces
     assert series.is_resampled
@@ -128,7 +109,7 @@ def test_rows_without_a_speed_are_gaps_and_jumps_are_not_believed() -> None:
     with refused(DatasetError, r"state 0 m/s: the vehicle stands"):
         read(with_speeds(one, [0.0] * 120))
     with refused(DatasetError, r"control period of 0\.2 W / U_inf, but flow.control_period is 2 "):
-        series_of(LOG, with_speeds(one, [25.0] * 120), replace(SCALES, period=2.0), fill=2, split=False)
+        read(with_speeds(one, [25.0] * 120), replace(SCALES, period=2.0))
     # A logger that stamps several periods with one time.
     coarse = with_speeds(one, [25.0] * 120)
     for message in coarse:
@@ -147,7 +128,7 @@ def test_a_log_of_two_buses_is_read_by_channel() -> None:
         read(in_time([*ours, *theirs]))
     # The same identifiers are another node's there; now and then its bytes have a right CRC.
     generator = np.random.default_rng(1)
-    foreign = [noise(message, generator) for message in theirs[4:]]
+    foreign = [drive_log.noise(message, generator) for message in theirs[4:]]
     series = read(in_time([*ours, *foreign, *theirs[:4]]))
     same(series, one)
     assert (series.channel, series.unused) == ("can0", {"on other channels": 120})

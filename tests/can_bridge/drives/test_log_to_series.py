@@ -10,37 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.drives.log_to_series import series_of
 from can_bridge.secoc.key import Key
 from can_bridge.wire.message_sets import CLASSIC, FD
 from can_bridge.wire.messages import Mode
 from contract.errors import DatasetError
-from tests.can_bridge.drives.drive_log import (
-    EXACT,
-    FLOW,
-    KEY,
-    KINDS,
-    LATENCY,
-    LOG,
-    PERIOD,
-    SCALES,
-    Drive,
-    at,
-    command,
-    drive,
-    in_time,
-    log_of,
-    noise,
-    pressure,
-    read,
-    same,
-)
+from tests.can_bridge.drives import drive_log
+from tests.can_bridge.drives.drive_log import PERIOD, at, close, command, drive, in_time, log_of, pressure, read, same
 from tests.examples import examples
 from tests.refused import refused
 
 
 @examples(30)
-@given(data=st.data(), kind=st.sampled_from(KINDS), seed=st.integers(0, 2**32 - 1))
+@given(data=st.data(), kind=st.sampled_from(drive_log.KINDS), seed=st.integers(0, 2**32 - 1))
 def test_whatever_the_log_lost_or_added_the_rows_stay_the_drives(data: st.DataObject, kind: str, seed: int) -> None:
     """Jitter of 0.3 periods, up to two rows lost in a row, copies, other nodes' frames and damaged frames."""
     rows = data.draw(st.integers(40, 90))
@@ -51,7 +32,7 @@ def test_whatever_the_log_lost_or_added_the_rows_stay_the_drives(data: st.DataOb
     messages = []
     for k in range(rows):
         begin = start + k * PERIOD * (1 + drift)
-        for name, make, late in (("p", pressure, 0.0), ("c", command, LATENCY)):
+        for name, make, late in (("p", pressure, 0.0), ("c", command, drive_log.LATENCY)):
             if k in lost[name]:
                 continue
             # A command is never in front of the pressure that it answers.
@@ -76,7 +57,7 @@ def test_whatever_the_log_lost_or_added_the_rows_stay_the_drives(data: st.DataOb
         kept = np.array([k for k in range(rows) if k not in lost[name]])
         # The straight line between neighbours, which are the truth itself where nothing is lost.
         expected = np.column_stack([np.interp(inside, kept, column[kept]) for column in values.T])
-        np.testing.assert_allclose(found, expected, atol=EXACT)
+        close(found, expected)
     unused = dict(series.unused)
     odd = sum(unused.pop(reason, 0) for reason in ("error frames", "remote frames", "of other messages"))
     assert (unused, odd) == ({"damaged": 3, **({"repeated": copies} if copies else {})}, 20)
@@ -103,7 +84,7 @@ def _foreign(time_s: float, generator: np.random.Generator) -> can.Message:
     )
 
 
-def _damaged(one: Drive, time_s: float, generator: np.random.Generator) -> can.Message:
+def _damaged(one: drive_log.Drive, time_s: float, generator: np.random.Generator) -> can.Message:
     message = (pressure if generator.random() < 0.5 else command)(one, int(generator.integers(len(one.action))), time_s)
     place, protected = int(generator.integers(8)), message.data
     # One bit in the first eight bytes: both profiles find every single one.
@@ -149,7 +130,7 @@ def test_commands_that_do_not_answer_belong_to_the_period_they_came_in() -> None
 
 
 def test_commands_for_the_next_period_are_the_actions_of_the_row_after() -> None:
-    for kind in KINDS:
+    for kind in drive_log.KINDS:
         one = drive(kind, 60, 4)
         messages = []
         for k in range(60):
@@ -157,18 +138,19 @@ def test_commands_for_the_next_period_are_the_actions_of_the_row_after() -> None
             # At 30 the ECU holds: the command still rests on 29, came in 30 and is for 31.
             held: dict[str, Any] = {"echo": k - 1, "mode": Mode.HOLD} if k == 30 else {}
             action = float(one.action[min(k + 1, 59)])
-            messages.append(command(one, k, 5.0 + (k + LATENCY) * PERIOD, action=action, next_period=True, **held))
+            time_s = 5.0 + (k + drive_log.LATENCY) * PERIOD
+            messages.append(command(one, k, time_s, action=action, next_period=True, **held))
         (piece,) = read(messages).pieces
         # What the jets did in the first period was asked for before the log begins.
         rows = piece.first_row + np.arange(len(piece))
         assert rows[0] <= 2, kind
         assert rows[-1] == 59, kind
-        np.testing.assert_allclose(piece.action, one.action[rows], atol=EXACT)
-        np.testing.assert_allclose(piece.Cp, one.Cp[rows], atol=EXACT)
+        close(piece.action, one.action[rows])
+        close(piece.Cp, one.Cp[rows])
 
 
 def test_a_sensor_that_fails_for_a_moment_is_filled_alone() -> None:
-    for kind in KINDS:
+    for kind in drive_log.KINDS:
         one = drive(kind, 60, 6)
         messages = log_of(one)
         messages[40] = pressure(one, 20, messages[40].timestamp, valid=(True, False, True, True))
@@ -202,7 +184,7 @@ def test_authentication_is_checked_where_a_key_is_given() -> None:
     messages[40].data[-1] ^= 1
     replayed = pressure(one, 3, messages[60].timestamp + 1e-4)
     messages.insert(61, replayed)
-    series = read(messages, key=Key(KEY))
+    series = read(messages, key=Key(drive_log.KEY))
     assert (series.unused, series.checked, series.filled) == ({"not authentic": 2}, True, (1, 0))
     assert read(messages).checked is False
     with pytest.raises(DatasetError, match=r"wrong authentication code: bus\.key is not the key"):
@@ -211,9 +193,9 @@ def test_authentication_is_checked_where_a_key_is_given() -> None:
 
 def test_a_full_command_that_the_wire_rounded_up_is_the_limit_and_one_of_two_sets_can_be_asked_for() -> None:
     one, classic = drive("fd", 60, 14), drive("classic", 40, 17)
-    limit = 0.0049996 / FLOW  # 24.998 steps of the wire
-    messages = log_of(replace(one, action=np.where(np.arange(60) % 2, 0.005 / FLOW, 0.0)))
-    (piece,) = series_of(LOG, messages, replace(SCALES, action_limit=limit), fill=2, split=False).pieces
+    limit = 0.0049996 / drive_log.FLOW  # 24.998 steps of the wire
+    messages = log_of(replace(one, action=np.where(np.arange(60) % 2, 0.005 / drive_log.FLOW, 0.0)))
+    (piece,) = read(messages, replace(drive_log.SCALES, action_limit=limit)).pieces
     assert piece.action.max() == limit
     both = in_time([*log_of(one), *log_of(classic)])
     same(read(both, only=FD), one)
@@ -223,7 +205,7 @@ def test_a_full_command_that_the_wire_rounded_up_is_the_limit_and_one_of_two_set
 def test_a_long_gap_or_a_sender_that_begins_again_is_refused_with_its_time_or_cuts_the_drive() -> None:
     """20 and 300 periods are more than the classic and the CAN FD counter can show by themselves. Without a gap, only
     counter and clock show that frames of two power cycles follow each other."""
-    for kind in KINDS:
+    for kind in drive_log.KINDS:
         for missing in [20, 300]:
             one = drive(kind, 200 + missing, 9)
             messages = log_of(one, rows=[*range(100), *range(100 + missing, 200 + missing)])
@@ -233,9 +215,9 @@ def test_a_long_gap_or_a_sender_that_begins_again_is_refused_with_its_time_or_cu
             assert (before.first_row, len(before)) == (0, 100), (kind, missing)
             # The action before the second piece is not known: its first row serves as that.
             assert (after.first_row, len(after)) == (101 + missing, 99), (kind, missing)
-            assert after.initial_action == pytest.approx(one.action[100 + missing], abs=EXACT), (kind, missing)
-            np.testing.assert_allclose(after.Cp, one.Cp[101 + missing :], atol=EXACT)
-            np.testing.assert_allclose(after.action, one.action[101 + missing :], atol=EXACT)
+            close(after.initial_action, one.action[100 + missing])
+            close(after.Cp, one.Cp[101 + missing :])
+            close(after.action, one.action[101 + missing :])
         one = drive(kind, 200, 10)
         for ahead in [1, 9]:
             messages = []
@@ -243,14 +225,14 @@ def test_a_long_gap_or_a_sender_that_begins_again_is_refused_with_its_time_or_cu
                 counter = k if k < 100 else k + ahead
                 # The first frame of the second power cycle comes twice.
                 messages += [pressure(one, k, k * PERIOD, counter=counter)] * (2 if k == 100 else 1)
-                messages.append(command(one, k, (k + LATENCY) * PERIOD, echo=counter))
+                messages.append(command(one, k, (k + drive_log.LATENCY) * PERIOD, echo=counter))
             with refused(DatasetError, "the sender restarted"):
                 read(messages)
             series = read(messages, split=True)
             assert [len(piece) for piece in series.pieces] == [100, 100], (kind, ahead)
             assert series.unused == {"repeated": 1}, (kind, ahead)
-            np.testing.assert_allclose(series.pieces[1].Cp, one.Cp[100:], atol=EXACT)
-            assert series.pieces[1].initial_action == pytest.approx(one.action[99], abs=EXACT), (kind, ahead)
+            close(series.pieces[1].Cp, one.Cp[100:])
+            close(series.pieces[1].initial_action, one.action[99])
 
 
 def test_what_makes_no_series_is_refused_in_one_line() -> None:
@@ -284,7 +266,7 @@ def test_what_makes_no_series_is_refused_in_one_line() -> None:
 
 
 @examples(40)
-@given(data=st.data(), kind=st.sampled_from(KINDS), seed=st.integers(0, 2**32 - 1))
+@given(data=st.data(), kind=st.sampled_from(drive_log.KINDS), seed=st.integers(0, 2**32 - 1))
 @pytest.mark.slow
 def test_any_log_gives_whole_pieces_or_one_line(data: st.DataObject, kind: str, seed: int) -> None:
     """Cut, shuffled, restarted and damaged anywhere; what comes out holds rows of the drive, or is refused."""
@@ -301,7 +283,7 @@ def test_any_log_gives_whole_pieces_or_one_line(data: st.DataObject, kind: str, 
             [*head, *tail],
             [*head, *(at(message, message.timestamp + jump) for message in messages[a:])],
             [*head, *middle[::-1], *tail],
-            [*head, *(noise(message, generator) for message in middle), *tail],
+            [*head, *(drive_log.noise(message, generator) for message in middle), *tail],
             [*head, pressure(one, 5, begun, valid=(False, True, True, True)), *messages[a + 1 :]],
             [*head, *middle, *(at(message, messages[b].timestamp) for message in messages[a : a + 3]), *tail],
             [*head, *(at(message, message.timestamp - begun) for message in messages[a:])],
@@ -319,7 +301,7 @@ def test_any_log_gives_whole_pieces_or_one_line(data: st.DataObject, kind: str, 
         assert np.isfinite(piece.action).all()
         assert np.isfinite(piece.initial_action)
         # Filled or not, a row lies between rows of the drive.
-        assert (one.Cp.min(axis=0) - EXACT <= piece.Cp).all()
-        assert (piece.Cp <= one.Cp.max(axis=0) + EXACT).all()
+        assert (one.Cp.min(axis=0) - drive_log.EXACT <= piece.Cp).all()
+        assert (piece.Cp <= one.Cp.max(axis=0) + drive_log.EXACT).all()
         # Double precision has steps of 0.12 us behind 1e9 s.
         assert np.diff(piece.time_s) == pytest.approx(series.period_s, abs=5e-7)

@@ -22,14 +22,7 @@ from contract.config.vehicle import BusConfig, E2eConfig
 from contract.errors import ConfigError
 
 CONFIG: Final = E2eConfig(max_delta=4, window=5, min_ok=2, max_errors=2)
-LETTERS: Final = {
-    "O": FrameCheck.OK,
-    "L": FrameCheck.OK_SOME_LOST,
-    "R": FrameCheck.REPEATED,
-    "W": FrameCheck.WRONG_SEQUENCE,
-    "E": FrameCheck.ERROR,
-    "-": FrameCheck.NO_NEW_DATA,
-}
+LETTERS: Final = dict(zip("OLRWE-", FrameCheck, strict=True))
 STEPS: Final = {"O": 1, "L": 2, "R": 0, "W": 100}
 NODATA, INIT, VALID, INVALID = StreamState
 
@@ -84,9 +77,7 @@ class AutosarMachine:
 
 @given(
     periods=st.lists(st.text("OOOLRWE", max_size=3), max_size=60),
-    sizes=st.integers(1, 8).flatmap(
-        lambda window: st.tuples(st.just(window), st.integers(1, window), st.integers(0, window - 1))
-    ),
+    sizes=st.integers(1, 8).flatmap(lambda n: st.tuples(st.just(n), st.integers(1, n), st.integers(0, n - 1))),
 )
 def test_any_story_is_the_standards(periods, sizes):
     """A period is one check: an error whatever else came, else a good one, in any order; each frame is counted."""
@@ -134,9 +125,8 @@ def test_every_counter_step_gets_its_check():
         *((PRESSURE_CLASSIC, most, range(16)) for most in (1, 4, 7)),
     ):
         period = profile_of(spec).counter_period
-        expected = {0: FrameCheck.REPEATED, 1: FrameCheck.OK} | dict.fromkeys(
-            range(2, most + 1), FrameCheck.OK_SOME_LOST
-        )
+        some_lost = dict.fromkeys(range(2, most + 1), FrameCheck.OK_SOME_LOST)
+        expected = {0: FrameCheck.REPEATED, 1: FrameCheck.OK} | some_lost
         for last, step in product(lasts, range(period)):
             made = E2eReceiver(spec, replace(CONFIG, max_delta=most))
             assert made.tick([frame(last, spec)]).checks == (FrameCheck.OK,)

@@ -10,14 +10,9 @@ CLEAR_PIECES = 4
 
 @dataclass
 class PlainBacking:
-    """A memory from one power-on to the next.
-
-    Attributes:
-        kept, slots: outlive a loss of power; None: being cleared, or never cleared.
-        calls: number of writing calls.
-        broken: whether every writing call fails.
-        written: bytes that were appended; `on_written` is called with the length of the slot after each block.
-    """
+    """A memory from one power-on to the next; `kept` and `slots` outlive a loss of power, and a slot is None until it
+    is cleared. `calls` counts writing calls, all of which fail if `broken`; `written` counts bytes, and `on_written` is
+    called with the slot's length after each block."""
 
     capacity: int = 200_000
     kept: dict[RecordKind, bytes] = field(default_factory=dict)
@@ -31,9 +26,7 @@ class PlainBacking:
     def after_power_on(self) -> "PlainBacking":
         return replace(self, _writable=set())
 
-    def content(self, slot: Slot | None) -> bytes:
-        """All that was appended to a slot and is still there."""
-        assert slot is not None
+    def content(self, slot: Slot) -> bytes:
         return bytes(self.slots[slot] or b"")
 
     def records(self) -> Mapping[RecordKind, bytes]:

@@ -33,12 +33,10 @@ BLOCK = 5000
 """Bytes that are sent at once: an image has six such blocks."""
 
 B = TypeVar("B", bound=Backing)
-Key = Ed25519PrivateKey | PublicKey
 
 
 @cache
 def small_program() -> "ControllerProgram":
-    """One that nobody trained."""
     from examples.random_programs import random_program
 
     model = ModelConfig(window=4, latent=2, lstm_width=4, dynamics_width=8, decoder_width=4)
@@ -61,24 +59,19 @@ def untrained() -> tuple[Manifest, bytes]:
 def files(
     name: str = "one", *, key: Ed25519PrivateKey | None = RELEASE, version: int = 1, **changes: Any
 ) -> dict[str, bytes]:
-    """The files of a release."""
     manifest, graph = untrained()
     return pack(replace(manifest, name=name, security_version=version, **changes), {CONTROLLER: graph}, key)
 
 
 @cache
 def image(name: str = "one", **changes: Any) -> bytes:
-    """The image of a release; arguments of `files`."""
     return image_of(files(name, **changes))
 
 
-def keys(version: int = 1, *allowed: Key, revoked: tuple[Key, ...] = ()) -> bytes:
+def keys(version: int = 1, *allowed: Ed25519PrivateKey | PublicKey, revoked: Any = ()) -> bytes:
     """A list signed by the root key; by default of the release key."""
-    listed, off = (
-        frozenset(key if isinstance(key, PublicKey) else public_key(key) for key in some)
-        for some in (allowed or (RELEASE,), revoked)
-    )
-    return key_list.encode(KeyList(version=version, keys=listed, revoked=off), ROOT)
+    listed = frozenset(key if isinstance(key, PublicKey) else public_key(key) for key in allowed or (RELEASE,))
+    return key_list.encode(KeyList(version=version, keys=listed, revoked=frozenset(map(public_key, revoked))), ROOT)
 
 
 def fits(bundle: Bundle) -> Verdict:
@@ -95,23 +88,20 @@ RULES: dict[str, Any] = {
 
 
 def provision(backing: B, first: bytes | None, **changes: Any) -> B:
-    """Fill a memory as production does."""
     Store.provision(backing, **{"keys": keys(), "image": first, **RULES, **changes})
     return backing
 
 
-def provisioned(backing: PlainBacking | None = None) -> PlainBacking:
+def provisioned() -> PlainBacking:
     """A memory with release "one" in it."""
-    return provision(PlainBacking() if backing is None else backing, image())
+    return provision(PlainBacking(), image())
 
 
 def store_on(backing: Backing, **changes: Any) -> Store:
-    """Power on."""
     return Store(backing, **{**RULES, **changes})
 
 
 def booted(backing: Backing) -> tuple[Store, Boot]:
-    """Power on, and boot."""
     store = store_on(backing)
     return store, store.boot()
 
@@ -125,7 +115,6 @@ def transfer(store: Store, new: bytes, *, until: int | None = None) -> int:
 
 
 def flash(store: Store, new: bytes) -> Verdict:
-    """All of it up to the activation."""
     transfer(store, new)
     verdict = at_once(store.finish())
     if verdict == Verdict.GOOD:

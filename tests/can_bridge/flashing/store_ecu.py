@@ -2,9 +2,10 @@
 
 from collections.abc import Callable, Iterator
 from hashlib import sha256
+from itertools import count
 
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing, Long
+from can_bridge.flashing.state import Level
 from can_bridge.flashing.store import Boot
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.calibration_service import CalibrationService
@@ -26,34 +27,19 @@ VALUES = {
 }
 
 
-class Counted:
+def counted() -> Callable[[int], bytes]:
     """Bytes for seeds that nobody needs to guess: a counter."""
-
-    def __init__(self) -> None:
-        self._count = 0
-
-    def __call__(self, length: int) -> bytes:
-        self._count += 1
-        return self._count.to_bytes(length, "big")
+    numbers = count(1)
+    return lambda length: next(numbers).to_bytes(length, "big")
 
 
 class StoreEcu:
-    """The ECU from one power-on to the next.
-
-    Args:
-        backing: opens the memory.
-
-    Attributes:
-        is_wanted: the vehicle asks for control, so that nothing may be programmed.
-        is_reset: a reset was asked for: `power_on` is due.
-        resets: that were asked for.
-        routines: that were run.
-        values: of identifiers that the store has no part in.
-        store, boot, server: of this power-on.
-    """
+    """The ECU from one power-on to the next; `backing` opens its memory. While `is_wanted`, the vehicle asks for
+    control, and nothing may be programmed; after a reset (`is_reset`) `power_on` is due. `values` are those of
+    identifiers that the store has no part in."""
 
     def __init__(self, backing: Callable[[], Backing]) -> None:
-        self._backing, self._random_bytes = backing, Counted()
+        self._backing, self._random_bytes = backing, counted()
         self.is_wanted = False
         self.resets, self.routines, self.values = 0, list[Routine](), dict(VALUES)
         self.power_on()
@@ -75,7 +61,7 @@ class StoreEcu:
         return self.boot
 
     def calibration(self, boot: Boot) -> CalibrationService | None:
-        """What diagnosis can calibrate."""
+        return None
 
     def self_test(self) -> Long[None]:
         yield
@@ -101,10 +87,7 @@ class _Noted(EcuServices):
 
 
 class FlashingSteps:
-    """What a tester asks for to flash an ECU."""
-
     def ask(self, request: bytes, /) -> bytes:
-        """The last answer to a request."""
         raise NotImplementedError
 
     def good(self, request: bytes) -> bytes:
@@ -121,7 +104,6 @@ class FlashingSteps:
         self.good(bytes([0x27, level + 1]) + KEY.answer(level, seed))
 
     def announce(self, raw: bytes) -> int:
-        """The offset wanted."""
         answer = self.good(b"\x31\x01\xff\x00" + len(raw).to_bytes(4, "big") + sha256(raw).digest())
         return int.from_bytes(answer[4:], "big")
 
@@ -134,7 +116,6 @@ class FlashingSteps:
         self.good(b"\x37")
 
     def write(self, raw: bytes) -> Verdict:
-        """All of an image, and the ECU's verdict on it."""
         self.programming()
         for _ in self.blocks(raw, self.announce(raw)):
             pass

@@ -1,5 +1,4 @@
-"""Every verdict by a bundle that is at fault in this one thing; `tests/contract/release` damages bundles and images in
-every way."""
+"""Every verdict, by an image with this one fault; `tests/contract/release` damages bundles and images in every way."""
 
 import json
 from dataclasses import replace

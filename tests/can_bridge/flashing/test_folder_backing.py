@@ -4,14 +4,13 @@ import os
 
 import pytest
 
-from can_bridge.flashing.backing import MediumError, RecordKind, Slot
+from can_bridge.flashing.backing import MediumError, RecordKind, Slot, at_once
 from can_bridge.flashing.folder_backing import FolderBacking
 
 
 def test_it_outlives_the_process(tmp_path):
     backing = FolderBacking(tmp_path / "ecu")
-    for _ in backing.clear(Slot.B):
-        pass
+    at_once(backing.clear(Slot.B))
     backing.append(Slot.B, b"first ")
     backing.keep(RecordKind.STATE, b"state")
     backing.append(Slot.B, b"lost")
@@ -36,8 +35,7 @@ def test_what_the_system_refuses_is_one_line(tmp_path):
     backing = FolderBacking(tmp_path / "folder", capacity=10)
     with pytest.raises(MediumError, match="clear it"):
         backing.append(Slot.A, b"x")
-    for _ in backing.clear(Slot.A):
-        pass
+    at_once(backing.clear(Slot.A))
     with pytest.raises(MediumError, match="has room for only 10 bytes"):
         backing.append(Slot.A, bytes(11))
     with pytest.raises(MediumError, match="has 0 bytes: must have 5 or more"):

@@ -3,10 +3,9 @@
 import json
 
 from can_bridge.flashing import report
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot
 from can_bridge.flashing.report import SlotReport, StoreReport, report_of
-from can_bridge.flashing.state import SlotPhase
+from can_bridge.flashing.state import Level, SlotPhase
 from can_bridge.flashing.store import BootReason
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import BusError

@@ -3,9 +3,8 @@ import zlib
 from dataclasses import replace
 
 from can_bridge.flashing import state
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import MAX_RECORD, Slot
-from can_bridge.flashing.state import SlotPhase, SlotState, StoreState
+from can_bridge.flashing.state import Level, SlotPhase, SlotState, StoreState
 from contract.printable import MAX_NAME
 from tests.refused import refused
 
@@ -26,13 +25,11 @@ def test_what_goes_in_comes_out():
     bad = SlotState(phase=SlotPhase.BAD, length=9, sha256=b"h" * 32, received=9)
     named = replace(bad, digest="cd" * 32, name="\U0001f69a" * MAX_NAME, security_version=2**32 - 1, signer=b"k" * 32)
     trial = replace(named, phase=SlotPhase.TRIAL, boots_left=3)
+    checked = replace(named, phase=SlotPhase.CHECKED)
     for value in (
         StoreState(),
         SAMPLE,
-        *(
-            replace(SAMPLE, slots=(FULL, other))
-            for other in (bad, named, trial, replace(named, phase=SlotPhase.CHECKED))
-        ),
+        *(replace(SAMPLE, slots=(FULL, other)) for other in (bad, named, trial, checked)),
         replace(SAMPLE, slots=(trial, FULL), active=Slot.B, least_security_version=2**32 - 1),
         replace(SAMPLE, failed_attempts={level: 255 - level for level in Level}),
     ):
@@ -49,33 +46,32 @@ def test_what_is_damaged_and_what_no_store_keeps_is_not_read():
     raw, body = state.encode(SAMPLE), state.encode(SAMPLE)[:-4]
     flipped = int.from_bytes(raw, "big")
     filling = SAMPLE.slots[1]
+    seconds = (
+        replace(filling, received=6),
+        replace(filling, boots_left=1),
+        replace(filling, security_version=1),
+        replace(FULL, phase=SlotPhase.FILLING),
+        replace(FULL, phase=SlotPhase.TRIAL, boots_left=4),
+        replace(filling, phase=SlotPhase.BAD),
+        replace(filling, phase=SlotPhase.EMPTY),
+        replace(filling, digest="ab" * 32),
+    )
+    never_kept = (
+        replace(SAMPLE, active=Slot.B),
+        replace(SAMPLE, least_security_version=0),
+        *(SAMPLE.with_slot(Slot.B, second) for second in seconds),
+        *(SAMPLE.with_slot(Slot.A, replace(FULL, name=name)) for name in ("", "a\nb")),
+        SAMPLE.with_slot(Slot.A, replace(FULL, received=96_999)),
+        replace(SAMPLE, slots=(replace(FULL, phase=SlotPhase.TRIAL),) * 2, active=None),
+        replace(SAMPLE, slots=(replace(FULL, phase=SlotPhase.CHECKED),) * 2, active=None),
+    )
     for damaged in (
         *(raw[:length] for length in range(len(raw))),
         raw + b"\0",
         *((flipped ^ 1 << bit).to_bytes(len(raw), "big") for bit in range(8 * len(raw))),
         # With a sum that fits.
         *map(sealed, (*(body[:length] for length in range(len(body))), body + b"\0")),
-        *map(
-            state.encode,
-            (
-                replace(SAMPLE, active=Slot.B),
-                replace(SAMPLE, least_security_version=0),
-                SAMPLE.with_slot(Slot.B, replace(filling, received=6)),
-                SAMPLE.with_slot(Slot.B, replace(filling, boots_left=1)),
-                SAMPLE.with_slot(Slot.B, replace(filling, security_version=1)),
-                SAMPLE.with_slot(Slot.B, replace(FULL, phase=SlotPhase.FILLING)),
-                SAMPLE.with_slot(Slot.B, replace(FULL, phase=SlotPhase.TRIAL, boots_left=4)),
-                SAMPLE.with_slot(Slot.B, replace(filling, phase=SlotPhase.BAD)),
-                SAMPLE.with_slot(Slot.B, replace(filling, phase=SlotPhase.EMPTY)),
-                SAMPLE.with_slot(Slot.B, replace(filling, digest="ab" * 32)),
-                *(SAMPLE.with_slot(Slot.A, replace(FULL, name=name)) for name in ("", "a\nb")),
-                SAMPLE.with_slot(Slot.A, replace(FULL, received=96_999)),
-                *(
-                    replace(SAMPLE, slots=(replace(FULL, phase=phase),) * 2, active=None)
-                    for phase in (SlotPhase.TRIAL, SlotPhase.CHECKED)
-                ),
-            ),
-        ),
+        *map(state.encode, never_kept),
     ):
         with refused(ValueError, "state"):
             state.decode(damaged)

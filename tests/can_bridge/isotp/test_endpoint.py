@@ -101,9 +101,8 @@ def test_messages_and_flow_control():
 def test_the_others_separation_time_is_kept():
     reserved = dict.fromkeys(("80", "F0", "FA", "FF"), 127)
     for code, gap_ms in {"01": 1, "7F": 127, "F1": 0.1, "F9": 0.9, **reserved}.items():
-        play(
-            CLASSIC, f"send 00x20; says 10; hear 30 00 {code}; says 21; at {gap_ms - 1e-6}; says; at {gap_ms}; says 22"
-        )
+        begun = f"send 00x20; says 10; hear 30 00 {code}; says 21"
+        play(CLASSIC, f"{begun}; at {gap_ms - 1e-6}; says; at {gap_ms}; says 22")
 
 
 def test_what_the_standard_ignores_is_ignored():
@@ -130,8 +129,7 @@ def test_queues_are_bounded():
             Endpoint(CLASSIC).send(bytes(length))
 
 
-SHORT_FD = replace(FD, frame_length=16)
-SETTINGS = (CLASSIC, FD, SHORT_FD)
+SETTINGS = (CLASSIC, FD, replace(FD, frame_length=16))
 
 
 class Connection:
@@ -171,9 +169,8 @@ class Connection:
         return isotp.CanMessage(arbitration_id=frame.frame_id, data=frame.data, is_fd=frame.is_fd)
 
     def _from_tester(self, message):
-        for frame in self.on_wire(
-            Frame(frame_id=message.arbitration_id, data=bytes(message.data), is_fd=message.is_fd)
-        ):
+        sent = Frame(frame_id=message.arbitration_id, data=bytes(message.data), is_fd=message.is_fd)
+        for frame in self.on_wire(sent):
             self.ecu.receive(self.now_ns, frame)
 
     def turn(self) -> bool:

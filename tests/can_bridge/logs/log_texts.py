@@ -28,9 +28,7 @@ def frames(count: int = 16) -> list[can.Message]:
         else:
             frame_id, length = ((0x120, 16), (0x128, 8), (0x130, 8), (0x140, 24))[k % 5]
             data = bytes((7 * k + j) % 256 for j in range(length))
-            one = can.Message(
-                arbitration_id=frame_id, is_extended_id=False, is_fd=True, bitrate_switch=True, data=data, dlc=length
-            )
+            one = can.Message(arbitration_id=frame_id, is_extended_id=False, is_fd=True, bitrate_switch=True, data=data)
         one.timestamp = 0.25 + 0.005 * k
         made.append(one)
     return made
@@ -81,7 +79,6 @@ def asc(
 
 
 def candump_l(messages: Sequence[can.Message], channel: str = "can0") -> Iterator[str]:
-    """Lines of `candump -L`."""
     for one in messages:
         number = f"{one.arbitration_id:08X}" if one.is_extended_id else f"{one.arbitration_id:03X}"
         data = bytes(one.data).hex().upper()

@@ -24,9 +24,7 @@ def written(path: Path, lines: list[str], *, encoding: str = "utf-8", end: str =
     return CanLog(path)
 
 
-def check(
-    log: CanLog, messages: list[can.Message], what: object, *, shift_s: float = 0.0, lines: int | None = None
-) -> None:
+def check(log: CanLog, messages: list[can.Message], what: object, *, shift_s: float = 0.0, lines: int = 0) -> None:
     """The log holds these data frames; and each of its lines is one, an error frame, or counted by its name."""
     got = list(log)
     data = [one for one in got if not one.is_error_frame]
@@ -34,7 +32,7 @@ def check(
     assert read == sent, what
     wanted = [one.timestamp + shift_s for one in messages]
     assert [one.timestamp for one in data] == pytest.approx(wanted, abs=RESOLUTION_S, rel=0), what
-    if lines is not None:
+    if lines:
         assert len(got) + log.events.total() == lines, what
 
 
@@ -103,14 +101,8 @@ def test_lines_of_vectors_own_description_are_what_it_says(tmp_path):
             for one in log
         ]  # fmt: skip
         assert read == [meaning] or (read, log.events[str(meaning)]) == ([], 1), line
-    for line in (
-        "2.5 1 120 Rx",
-        "2.5 1 120 d 8 00",
-        "2.5 CANFD 1 Rx 120 1 0 a 12 00",
-        "2.5 %",
-        "End",
-        "2.5 1 Pressure d",
-    ):
+    wrong = ["1 120 Rx", "1 120 d 8 00", "CANFD 1 Rx 120 1 0 a 12 00", "%", "1 Pressure d"]
+    for line in ("End", *(f"2.5 {rest}" for rest in wrong)):
         with refused(BusError, r"line 2: "):
             list(written(tmp_path / "a.asc", ["2.4 1 64 Rx d 0", line]))
 

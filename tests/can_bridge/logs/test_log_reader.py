@@ -17,9 +17,6 @@ from tests.can_bridge.logs.log_texts import EPOCH_S, RESOLUTION_S, frames, ident
 from tests.examples import examples
 from tests.refused import refused
 
-FORMATS = (".asc", ".blf", ".trc", ".log", ".csv", ".db")
-
-
 error_frames = st.builds(can.Message, is_error_frame=st.just(True))
 
 
@@ -49,7 +46,7 @@ def expected(suffix: str, log: list[can.Message]) -> list[can.Message]:
 @given(log=logs())
 @pytest.mark.slow
 def test_what_python_can_writes_is_read_back(tmp_path_factory, log):
-    for suffix in FORMATS:
+    for suffix in (".asc", ".blf", ".trc", ".log", ".csv", ".db"):
         path = tmp_path_factory.mktemp("log") / f"frames{suffix}"
         kept = expected(suffix, log)
         write(path, kept)

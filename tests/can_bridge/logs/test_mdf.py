@@ -53,12 +53,8 @@ def test_frames_are_those_that_python_can_reads(tmp_path):
             for read in (other, third):
                 assert (one.is_error_frame, one.is_remote_frame) == (read.is_error_frame, read.is_remote_frame)
                 assert read.timestamp == pytest.approx(one.timestamp, rel=0, abs=3e-7 if start else 1e-12)
-                assert (int(str(read.channel)), read.dlc) == (
-                    numbers[str(one.channel)],
-                    one.dlc if not one.is_error_frame else 0,
-                )
-                if not one.is_error_frame:
-                    assert (identity(read), read.is_rx) == (identity(one), one.is_rx)
+                assert int(str(read.channel)) == numbers[str(one.channel)]
+                assert (identity(read), read.dlc) == (identity(one), 0 if one.is_error_frame else one.dlc)
             assert third.arbitration_id == one.arbitration_id
 
 
@@ -72,9 +68,8 @@ def test_channels_are_those_that_mdfreader_reads(tmp_path):
         values = np.array([WORDS[int(value)] for value in one.values]) if one.words else one.values
         np.testing.assert_array_equal(read.get_channel_data(name), values)
         assert read.get_channel_unit(name) == one.unit
-        np.testing.assert_allclose(
-            read.get_channel_data(read.get_channel_master(name)), group.times_s, rtol=0, atol=1e-12
-        )
+        times_s = read.get_channel_data(read.get_channel_master(name))
+        np.testing.assert_allclose(times_s, group.times_s, rtol=0, atol=1e-12)
     data = [one for one in messages() if not one.is_error_frame and not one.is_remote_frame]
     assert read.get_channel_data("CAN_DataFrame.ID").tolist() == [one.arbitration_id for one in data]
 
@@ -106,9 +101,8 @@ def test_other_groups_missing_fields_and_constants_in_conversions_are_read(tmp_p
         log = CanLog(tmp_path / "a.mf4")
         read = list(log)
         assert [one.timestamp for one in read] == [1795773600.25, 1795773600.5, 1795773600.75]
-        assert [(one.channel, one.arbitration_id, one.is_rx, one.is_fd) for one in read] == [
-            *((channel, frame_id, is_rx, False) for frame_id, is_rx in ((5, False), (6, True), (7, False))),
-        ]
+        wanted = [(channel, frame_id, is_rx, False) for frame_id, is_rx in ((5, False), (6, True), (7, False))]
+        assert [(one.channel, one.arbitration_id, one.is_rx, one.is_fd) for one in read] == wanted
         assert [one.is_extended_id for one in read] == extended
         assert [bytes(one.data) for one in read] == [b"\0\1", bytes(range(8, 16)), b""]
         assert (log.events, log.is_local) == ({"record of Wind": 5}, False)

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.odx.pdx import pdx
 from can_bridge.odx.seed_and_key import seed_and_key
@@ -37,12 +37,9 @@ VALUES = Calibration(weights=CostWeights(), action_limit=0.0625, command_step=0.
 BY_NAME = dict(zip(CALIBRATION_NAMES, VALUES.values, strict=True))
 ARGUMENTS: dict[str, dict[str, Any]] = {
     "clear_faults": {"group": 0xFFFFFF},
-    "faults_count": {"mask": 0x08},
-    "faults_by_status": {"mask": 0x08},
-    "faults_snapshot": {"code": CODES[Reason.STREAM_LOST], "record": 1},
-    "faults_extended": {"code": CODES[Reason.STREAM_LOST], "record": 1},
-    "enable_sending": {"kind": 1},
-    "disable_sending": {"kind": 1},
+    **{name: {"mask": 0x08} for name in ("faults_count", "faults_by_status")},
+    **{name: {"code": CODES[Reason.STREAM_LOST], "record": 1} for name in ("faults_snapshot", "faults_extended")},
+    **{name: {"kind": 1} for name in ("enable_sending", "disable_sending")},
     "write_key_list": {"value": b"signed"},
     "write_calibration": {"value": BY_NAME | {"delay_steps": 3}},
     "write_calibration_stored": {"value": 1},
@@ -71,10 +68,8 @@ def layer() -> Any:
 
 @pytest.fixture
 def bench() -> Bench:
-    memory = Memory()
+    memory, bench, packed = Memory(), Bench(), VALUES.pack()
     memory.note(Reason.STREAM_LOST)
-    bench = Bench()
-    packed = VALUES.pack()
     bench.server = UdsServer(bench.ecu, bench.key, lambda count: b"\xaa" * count, faults=memory.now)
     bench.ecu.values = {did: b"\x05\x06\x07\x08" for did in Did} | {
         Did.SERIAL_NUMBER: "Nr. 0815 µ".encode(),
@@ -101,29 +96,22 @@ def ask(bench: Bench, layer: Any, name: str) -> dict[str, Any]:
     return dict(service.decode_message(answer).param_dict) if answer[0] != 0x7F else {"nrc": answer[2]}
 
 
-def states_of(service: Any) -> tuple[set[str], set[str]]:
-    """Sessions and levels that a service needs one of."""
-    names = {ref.state.short_name for ref in service.pre_condition_state_refs}
-    sessions = {name.removeprefix("session_") for name in names if name.startswith("session_")}
-    return sessions, {name.removeprefix("level_") for name in names if name.startswith("level_")}
-
-
 def test_every_service_is_answered_in_its_states_and_refused_in_others(layer, bench):
     """The file alone suffices: requests are encoded, states entered, and answers decoded to their last byte."""
     refusals = {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION, Nrc.OUT_OF_RANGE}
     assert len(layer.services) > 40
     for service in layer.services:
         name = service.short_name
-        sessions, levels = states_of(service)
+        states = {ref.state.short_name for ref in service.pre_condition_state_refs}
         for session in Session:
             bench.ask(0x10, 1)
             bench.ask(0x10, session)
-            if session.name.lower() not in sessions:
+            if f"session_{session.name.lower()}" not in states:
                 assert ask(bench, layer, name)["nrc"] in refusals, (name, session)
                 continue
-            for level in levels:
+            for level in (level for level in Level if f"level_{level.name.lower()}" in states):
                 assert ask(bench, layer, name) == {"nrc": Nrc.SECURITY_ACCESS_DENIED}, name
-                bench.unlock(Level[level.upper()])
+                bench.unlock(level)
             if name in ("transfer", "exit"):
                 assert "nrc" not in ask(bench, layer, "download")
             if name == "exit":
@@ -159,8 +147,8 @@ def test_it_has_all_that_the_tables_have_and_the_bus(layer):
         code: in_letters(code) for code in CODES.values()
     }
     assert (layer.get_can_receive_id(), layer.get_can_send_id()) == (0x7E0, 0x7E8)
-    assert (layer.get_can_baudrate(), layer.get_can_fd_baudrate()) == (500_000, 2_000_000)
-    assert layer.get_max_can_payload_size() == 64
+    rates = layer.get_can_baudrate(), layer.get_can_fd_baudrate(), layer.get_max_can_payload_size()
+    assert rates == (500_000, 2_000_000, 64)
     classic = layer_of(BusConfig(frames="classic"))
     assert (classic.uses_can_fd(), classic.get_max_can_payload_size()) == (False, 8)
     assert "transmit" in layer.get_comparam("CP_UniqueRespIdTable").get_subvalue("CP_CanPhysReqFormat")

@@ -1,5 +1,4 @@
-"""Frames secured and verified: the layout by another program, what a receiver refuses, what a node needs, and what it
-keeps over power cycles."""
+"""Frames secured and verified: the layout by another program, what is refused, and what outlives a power cycle."""
 
 import json
 import os
@@ -16,35 +15,25 @@ from can_bridge.secoc.key import Key
 from can_bridge.secoc.node import Authentication, key_of, secured
 from can_bridge.secoc.securing import LARGEST_HALF, Freshness, VerifierState, secure, verified, verify
 from can_bridge.wire.frame import FD_LENGTHS, Frame
-from can_bridge.wire.message_specs import (
-    JET_COMMAND,
-    JET_COMMAND_SECURED,
-    PRESSURE,
-    PRESSURE_SECURED,
-    SPECS,
-    MessageSpec,
-)
+from can_bridge.wire.message_specs import JET_COMMAND, JET_COMMAND_SECURED, PRESSURE, SECURED_SPECS, MessageSpec
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError, ConfigError, StillwakeError
 from tests.refused import refused
 
-SECURED = [spec for spec in SPECS if spec.is_secured]
+SPEC = SECURED_SPECS[0]
 SECRET = bytes(range(0x10, 0x20))
 KEY = Key(SECRET)
 
 
 def genuine(spec: MessageSpec, *, trip: int = 1, count: int = 0, content: int = 0x5A, by: Key = KEY) -> Frame:
-    """A frame as its sender makes it."""
-    plain = protected_frame(
-        SenderState(counter=count % 256), bytes([content] * spec.protected), spec=spec, now_ns=count
-    )
-    return secure(plain, spec, by, Freshness(trip=trip, count=count))
+    bare = protected_frame(SenderState(counter=count % 256), bytes([content] * spec.protected), spec=spec, now_ns=count)
+    return secure(bare, spec, by, Freshness(trip=trip, count=count))
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="needs openssl")
 def test_layout_and_mac_are_openssls():
     """Put together here from the DBC's words, and the MAC computed by another program."""
-    for spec in SECURED:
+    for spec in SECURED_SPECS:
         frame = genuine(spec, trip=0x01020304, count=0x05060708)
         length = {"PressureSecured": 32, "EcuStatusSecured": 48}.get(spec.name, 24)
         zeros = 8 if spec.name == "EcuStatusSecured" else 0
@@ -62,7 +51,7 @@ def test_layout_and_mac_are_openssls():
 
 
 def test_what_is_secured_verifies_with_its_freshness_and_without_a_flipped_bit():
-    for spec in SECURED:
+    for spec in SECURED_SPECS:
         frame = genuine(spec, trip=7, count=9)
         assert verify(frame.data, spec, KEY) == 7 << 32 | 9, spec
         assert (frame.frame_id, frame.is_fd, frame.timestamp_ns) == (spec.frame_id, True, 9), spec
@@ -70,20 +59,20 @@ def test_what_is_secured_verifies_with_its_freshness_and_without_a_flipped_bit()
         for bit in range(8 * spec.length):
             assert verify((word ^ 1 << bit).to_bytes(spec.length, "big"), spec, KEY) is None, bit
     # Nor is a frame of one message, reflected under another's identifier, cut or filled up to its length, another's.
-    for sent in SECURED:
+    for sent in SECURED_SPECS:
         data = genuine(sent).data
-        for claimed in SECURED:
+        for claimed in SECURED_SPECS:
             for changed in (data[: claimed.length], data.ljust(claimed.length, b"\0"), data[-claimed.length :]):
                 assert (verify(changed, claimed, KEY) is not None) == (sent is claimed)
-    assert not any(verify(bytes(length), spec, KEY) for spec in SECURED for length in range(65))
+    assert not any(verify(bytes(length), spec, KEY) for spec in SECURED_SPECS for length in range(65))
 
 
 def test_only_the_protected_part_of_a_secured_message_is_secured():
     with pytest.raises(ValueError, match="JetCommand has no room"):
         secure(Frame(frame_id=JET_COMMAND.frame_id, data=bytes(8)), JET_COMMAND, KEY, Freshness())
-    for length in (item for item in FD_LENGTHS if item != PRESSURE_SECURED.protected):
+    for length in (item for item in FD_LENGTHS if item != SPEC.protected):
         with pytest.raises(ValueError, match=f"PressureSecured has {length} bytes: must have 16"):
-            secure(Frame(frame_id=PRESSURE_SECURED.frame_id, data=bytes(length)), PRESSURE_SECURED, KEY, Freshness())
+            secure(Frame(frame_id=SPEC.frame_id, data=bytes(length)), SPEC, KEY, Freshness())
 
 
 def test_freshness_counts_up_over_frames_and_trips():
@@ -96,9 +85,6 @@ def test_freshness_counts_up_over_frames_and_trips():
     for halves in ({"trip": 0}, {"trip": 1 << 32}, {"count": -1}, {"count": 1 << 32}):
         with refused(ValueError, "must be in"):
             Freshness(**halves)
-
-
-SPEC = PRESSURE_SECURED
 
 
 def forged(frame: Frame) -> Frame:

@@ -19,11 +19,8 @@ TICK_NS = 20_000_000
 
 
 class VirtualTime:
-    """Seconds that pass only when somebody waits."""
-
-    def __init__(self) -> None:
-        self.now_ns = 0
-        self.on_tick: Callable[[], None] = lambda: None
+    def __init__(self, on_tick: Callable[[], None]) -> None:
+        self.now_ns, self._on_tick = 0, on_tick
 
     def clock(self) -> float:
         return self.now_ns / NS
@@ -32,7 +29,7 @@ class VirtualTime:
         until = self.now_ns + round(seconds * NS)
         while self.now_ns < until:
             self.now_ns = min(until, self.now_ns + TICK_NS)
-            self.on_tick()
+            self._on_tick()
 
 
 class Ecu(Protocol):
@@ -61,27 +58,20 @@ class DirectConnection(BaseConnection):
 
 
 class Line(DirectConnection):
-    """A tester's connection, by payloads.
+    """A tester's connection, by payloads. `lose` is called with each payload, and with True for one to the ECU, and
+    returns whether it is lost. `heard` has the requests that reached the ECU; `pending` counts response-pendings."""
 
-    Attributes:
-        lose: called with each payload, to the ECU (True) and from it: whether it is lost.
-        heard: all requests that reached the ECU.
-        pending: answers of the ECU that it needs more time.
-    """
-
-    def __init__(self, ecu: Ecu, time: VirtualTime | None = None) -> None:
+    def __init__(self, ecu: Ecu) -> None:
         super().__init__()
         self.ecu = ecu
-        self.time = VirtualTime() if time is None else time
+        self.time = VirtualTime(self._tick)
         self.lose: Callable[[bytes, bool], bool] = lambda payload, to_ecu: False
         self.heard: list[bytes] = []
         self.pending = 0
         self._request = b""
         self._waiting: deque[bytes] = deque()
-        self.time.on_tick = self._tick
 
     def arrive(self, payload: bytes) -> None:
-        """Let a payload come from the ECU, whatever it is."""
         self._waiting.append(payload)
 
     def empty_rxqueue(self) -> None:
@@ -116,6 +106,5 @@ class Line(DirectConnection):
 
 
 def flash_over(line: Line, image: bytes, *, key: AccessKey = KEY, **others: Any) -> Flashed:
-    """The tester's whole sequence; others as for `can_bridge.tester.sequence.flash`."""
     time = line.time
     return flash(Client(line), image, key=key.answer, clock=time.clock, sleep=time.sleep, **others)

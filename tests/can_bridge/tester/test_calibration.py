@@ -9,7 +9,7 @@ from can_bridge.tester import calibration
 from can_bridge.tester.asking import Asking
 from contract.errors import ConfigError, FlashError
 from tests.can_bridge.flashing.store_ecu import KEY
-from tests.can_bridge.tester.calibrated_ecu import OWN, Ecu
+from tests.can_bridge.tester.ecus import OWN, Ecu
 from tests.can_bridge.tester.line import Line
 
 

@@ -31,10 +31,8 @@ def test_made_up_messages_are_those_of_a_vehicle_and_fill_their_share(load, bus,
     taken = sum(one.worst_ns(bus) / one.period_ns for one in messages)
     # One frame a second, the rarest, is the most that is left over: 64 bytes of CAN FD, or 8 of classic CAN.
     is_fd = bus.frames == "fd"
-    rarest = (
-        PeriodicMessage(name="", frame_id=1, is_fd=is_fd, length=64 if is_fd else 8, period_ns=1).worst_ns(bus) / 1e9
-    )
-    assert load - rarest - 1e-9 < taken <= load + 1e-9  # 1e-9: sums of floats
+    rarest = PeriodicMessage(name="", frame_id=1, is_fd=is_fd, length=64 if is_fd else 8, period_ns=10**9)
+    assert load - rarest.worst_ns(bus) / 1e9 - 1e-9 < taken <= load + 1e-9  # 1e-9: sums of floats
     ids = [one.frame_id for one in messages]
     assert ids == sorted(set(ids))
     assert not set(ids) & {*OURS}
@@ -86,14 +84,11 @@ def dbc(tmp_path):
     return write
 
 
-def facts(traffic):
-    return [(m.name, m.frame_id, m.is_extended, m.is_fd, m.length, m.period_ns) for m in traffic.messages]
-
-
 def test_every_message_with_a_cycle_time_is_sent(dbc):
     path = dbc()
     found = read_traffic(path, BusConfig(), seed=0)
-    assert facts(found) == [
+    facts = [(one.name, one.frame_id, one.is_extended, one.is_fd, one.length, one.period_ns) for one in found.messages]
+    assert facts == [
         ("Long", 0x40, False, True, 20, 10_000_000),
         ("Wheels", 0x100, False, False, 6, 20_000_000),
         ("EngineSpeed", 0x18FEF1FE, True, False, 8, 100_000_000),
@@ -122,9 +117,8 @@ def test_lengths_are_padded_and_what_cannot_be_sent_is_left_out(dbc):
 
 def test_what_cannot_go_on_this_bus_is_refused(dbc):
     def renumbered(name: str, old: int, new: int) -> Path:
-        return dbc(
-            MESSAGES.replace(f"BO_ {old} {name}", f"BO_ {new} {name}"), ATTRIBUTES.replace(f"BO_ {old}", f"BO_ {new}")
-        )
+        messages = MESSAGES.replace(f"BO_ {old} {name}", f"BO_ {new} {name}")
+        return dbc(messages, ATTRIBUTES.replace(f"BO_ {old}", f"BO_ {new}"))
 
     for used in [0x120, 0x121]:
         with refused(BusError, f"Wheels has identifier {used:#x}, which belongs to stillwake"):

@@ -49,9 +49,8 @@ def test_an_mcap_has_frames_and_channels_with_their_words_and_the_layout_draws_t
             assert schema == f"stillwake.{'Frame' if topic == '/frames' else topic[1:]}"
             read.setdefault(topic, []).append((time_ns, values))
         frames = [(time_ns, one.id, one.data, one.extended) for time_ns, one in read.pop("/frames")]
-        assert frames == [
-            (round(one.timestamp * 1e9), one.arbitration_id, bytes(one.data), one.is_extended_id) for one in sent
-        ]
+        given = [(round(one.timestamp * 1e9), one.arbitration_id, bytes(one.data), one.is_extended_id) for one in sent]
+        assert frames == given
         paths = set()
         for group in groups_of(sent)[0]:
             times, rows = zip(*read.pop(f"/{group.name}"), strict=True)
@@ -192,9 +191,7 @@ def test_a_live_log_that_cannot_be_written_says_so_at_the_end(tmp_path, monkeypa
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(can.CanutilsLogWriter, "on_message_received", full)
-    with (
-        refused(StillwakeError, r"a\.mf4: the log is not complete: No space left on device"),
-        live_log(tmp_path / "a.mf4") as keep,
-    ):
+    full_disk = r"a\.mf4: the log is not complete: No space left on device"
+    with refused(StillwakeError, full_disk), live_log(tmp_path / "a.mf4") as keep:
         keep(Frame(frame_id=1, data=b""), True)
     assert not list(tmp_path.iterdir())

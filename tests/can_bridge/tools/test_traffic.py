@@ -85,8 +85,7 @@ def summary_of(*traffic: Frame | can.Message, most: int | None = None) -> Summar
 def test_load_of_known_frames():
     """Identifier 0x555 and data 0x55...: no five equal bits up to the CRC, so stuff bits can only lie there.
 
-    111 bits without stuffing (ISO 11898-1: 44 + 64 and 3 of intermission) and at most 3 in the CRC and its
-    neighbourhood, at 500 kbit/s every ms.
+    111 bits without stuffing (ISO 11898-1: 44 + 64 and 3 of intermission), at most 3 behind; at 500 kbit/s every ms.
     """
     alternating: dict[str, Any] = {"arbitration_id": 0x555, "is_extended_id": False, "data": b"\x55" * 8}
     load = summary_of(*(can.Message(timestamp=i / 1000, **alternating) for i in range(101))).load

@@ -1,10 +1,10 @@
-"""An ECU behind the server whose answers a test decides, and which notes what it is asked."""
+"""An ECU behind the server whose answers a test decides, and that notes what it is asked."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Long
+from can_bridge.flashing.state import Level
 from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.server import UdsServer
@@ -59,8 +59,7 @@ class ScriptedEcu(EcuServices):
         self.attempts[level] = count
 
     def before_reset(self) -> None:
-        if "before_reset" in self.refusals:
-            raise Refused(self.refusals["before_reset"])
+        self._note("before_reset")
 
     def reset(self) -> None:
         self._note("reset")
@@ -77,11 +76,7 @@ class ScriptedEcu(EcuServices):
 
 
 class Bench:
-    """A server, the ECU behind it, and a clock.
-
-    Attributes:
-        seeds: the next random bytes; after these, ones counted up.
-    """
+    """A server, the ECU behind it, and a clock. Seeds are `seeds`, then numbers that are counted up."""
 
     def __init__(self, ecu: ScriptedEcu | None = None, *, now_ns: int = 0) -> None:
         self.ecu = ecu or ScriptedEcu()
@@ -102,17 +97,17 @@ class Bench:
         talk(lambda request: self.server.request(self.now_ns, request), text)
 
     def wait(self, nanoseconds: int) -> list[bytes]:
-        """One tick after so long."""
         self.now_ns += nanoseconds
         return self.server.tick(self.now_ns)
 
+    def seed(self, level: Level = Level.PROGRAMMING) -> bytes:
+        answer = self.ask(0x27, level)
+        assert answer is not None and answer[:2] == bytes([0x67, level]) and len(answer) == 18
+        return answer[2:]
+
     def unlock(self, level: Level = Level.PROGRAMMING) -> None:
-        """Into the level's session, with the right key."""
-        session = Session.PROGRAMMING if level is Level.PROGRAMMING else Session.EXTENDED
-        assert self.ask(0x10, session) is not None
-        seed = self.ask(0x27, level)
-        assert seed is not None
-        assert self.ask(0x27, level + 1, self.key.answer(level, seed[2:])) == bytes([0x67, level + 1])
+        assert self.ask(0x10, Session.PROGRAMMING if level is Level.PROGRAMMING else Session.EXTENDED) is not None
+        assert self.ask(0x27, level + 1, self.key.answer(level, self.seed(level))) == bytes([0x67, level + 1])
 
     def _random_bytes(self, count: int) -> bytes:
         self._drawn += 1

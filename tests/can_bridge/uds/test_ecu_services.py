@@ -1,16 +1,11 @@
 """How the store's answers come over the wire, request by request; and what the calibration's identifiers refuse and
-store, which `tests/stillwake/test_testers.py` reads and changes.
-
-What the store itself decides is tested in `tests/can_bridge/flashing`, the whole sequence in `tests/can_bridge/tester`,
-hostile requests, and that a self-test comes before a confirmation, in `tests/proofs/loader_in_c`.
-"""
+store. Hostile requests, and that a self-test comes before a confirmation, are tested in `tests/proofs/loader_in_c`."""
 
 import pytest
 
 from can_bridge.calibration.segment import Page, Segment
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import MediumError, RecordKind
-from can_bridge.flashing.state import SlotPhase
+from can_bridge.flashing.state import Level, SlotPhase
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.calibration_service import CalibrationService
 from can_bridge.uds.services import Did, Nrc, Refused
@@ -24,15 +19,12 @@ LENGTH = f"{len(NEWER):08x}"
 
 
 class Client(FlashingSteps):
-    """Knows the key, and drives the ECU's clock."""
-
     def __init__(self) -> None:
         self.memory = provisioned()
         self.ecu = StoreEcu(lambda: self.memory)
         self.now_ns = 0
 
     def ask(self, request: bytes) -> bytes:
-        """The last answer."""
         answers = self.ecu.server.request(self.now_ns, request)
         while self.ecu.server.is_busy and not self.ecu.is_reset:
             self.now_ns += MS
@@ -54,8 +46,7 @@ def test_a_release_is_flashed_and_confirmed(client):
     client.talk(2 * "31 01 02 06 > SEQUENCE_ERROR\n31 01 02 05 > 71 01 02 05\n")
     assert phases(client.ecu.store) == [SlotPhase.CONFIRMED, SlotPhase.TRIAL]
     client.talk("11 01 > 51 01")
-    assert client.ecu.is_reset
-    assert name_of(client.ecu.power_on()) == "newer"
+    assert (client.ecu.is_reset, name_of(client.ecu.power_on())) == (True, "newer")
     client.programming()
     # There is no way back to what is too old now.
     client.talk(
@@ -109,20 +100,15 @@ def test_identifiers_and_key_lists(client):
     client.ecu.is_wanted = True
     client.talk(f"2E FD 02 {both} > ok\n2E FD 02 {keys(3).hex()} > CONDITIONS_NOT_CORRECT")
     client.talk("31 01 02 07 > CONDITIONS_NOT_CORRECT")
-    client.ecu.is_wanted = False
     client.memory.kept.pop(RecordKind.KEYS)
     client.ecu.power_on()
     client.talk("22 FD 02 > 62 FD 02 00 00 00 00")
 
 
-def test_a_memory_that_fails_is_a_programming_failure(client, monkeypatch):
-    def fail(*_: object) -> None:
-        raise MediumError("worn out", 0)
-
+def test_a_memory_that_fails_is_a_programming_failure(client):
     client.programming()
     client.announce(NEWER)
-    monkeypatch.setattr(client.memory, "keep", fail)
-    monkeypatch.setattr(client.memory, "append", fail)
+    client.memory.broken = True
     client.talk(
         f"""
         34 00 44 00x4 {LENGTH} > ok
@@ -142,8 +128,6 @@ NEGATIVE, NAN = (OWN[:8] + lift + OWN[12:] for lift in (b"\0\0\x80\xbf", b"\0\0\
 
 
 class Kept:
-    """A service whose record may be worn out."""
-
     def __init__(self, raw: bytes | None = None, refusal: Nrc | None = None) -> None:
         self.raw, self.is_worn_out, self.writes = raw, False, 0
         self.segment = Segment(REFERENCE, LIMITS)
@@ -154,20 +138,19 @@ class Kept:
             raise MediumError("no place is left that works", 0)
         self.raw, self.writes = raw, self.writes + 1
 
-
-def refused_by(kept: Kept, did: Did, value: bytes) -> Nrc:
-    with pytest.raises(Refused) as refusal:
-        kept.service.write(did, value)
-    return refusal.value.code
+    def refuse(self, did: Did, value: bytes, code: Nrc) -> None:
+        with pytest.raises(Refused) as refusal:
+            self.service.write(did, value)
+        assert refusal.value.code is code, (did, value)
 
 
 def test_values_that_are_not_allowed_are_refused_whole():
     kept = Kept()
     for value in (NEGATIVE, NAN, changed(delay_steps=7).pack(), b"", bytes(43)):
-        assert refused_by(kept, Did.CALIBRATION, value) is Nrc.OUT_OF_RANGE, value
+        kept.refuse(Did.CALIBRATION, value, Nrc.OUT_OF_RANGE)
         assert (kept.service.read(Did.CALIBRATION), kept.segment.take()) == (OWN, None)
     for value in (b"", b"\x02", b"\xff", b"\x01\x01"):
-        assert refused_by(kept, Did.CALIBRATION_STORED, value) is Nrc.OUT_OF_RANGE, value
+        kept.refuse(Did.CALIBRATION_STORED, value, Nrc.OUT_OF_RANGE)
 
 
 def test_what_is_stored():
@@ -175,19 +158,18 @@ def test_what_is_stored():
     kept = Kept()
     kept.service.write(Did.CALIBRATION, OTHER)
     kept.segment.page = Page.REFERENCE
-    assert kept.service.read(Did.CALIBRATION) == OWN
     kept.service.store(kept.segment.in_force)
-    assert kept.raw == OWN
+    assert kept.service.read(Did.CALIBRATION) == kept.raw == OWN
     kept = Kept(refusal=Nrc.CONDITIONS_NOT_CORRECT)
     kept.service.write(Did.CALIBRATION, OTHER)
-    assert refused_by(kept, Did.CALIBRATION_STORED, b"\x01") is Nrc.CONDITIONS_NOT_CORRECT
+    kept.refuse(Did.CALIBRATION_STORED, b"\x01", Nrc.CONDITIONS_NOT_CORRECT)
     kept.service.write(Did.CALIBRATION_STORED, b"\x00")
     assert (kept.service.read(Did.CALIBRATION), kept.writes) == (OWN, 0)
     kept = Kept(OTHER)
     kept.service.restore()
     kept.is_worn_out = True
     for value in (b"\x00", b"\x01"):
-        assert refused_by(kept, Did.CALIBRATION_STORED, value) is Nrc.PROGRAMMING_FAILURE
+        kept.refuse(Did.CALIBRATION_STORED, value, Nrc.PROGRAMMING_FAILURE)
     assert kept.service.read(Did.CALIBRATION) == OTHER
     # A record that this vehicle does not allow is not used.
     for raw in (b"", bytes(45), changed(action_limit=0.08).pack(), NAN):

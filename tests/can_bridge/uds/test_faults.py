@@ -1,7 +1,5 @@
 """The fault memory and its services: statuses over power cycles, and each answer as bytes."""
 
-from typing import Any
-
 import pytest
 
 from can_bridge.flashing.backing import MediumError
@@ -17,8 +15,6 @@ SNAPSHOT = bytes.fromhex("0000ffff 02 0003 0000 3f800000 bf000000 00000000 3e800
 
 
 class Memory:
-    """A fault memory over power cycles, and how often it was written."""
-
     def __init__(self) -> None:
         self.record, self.writes, self.fails = b"", 0, False
         self.refusal: Nrc | None = None
@@ -42,11 +38,14 @@ class Memory:
 
 
 @pytest.fixture
-def bench() -> Any:
-    """With a fault memory as `memory`."""
-    made: Any = Bench()
-    made.memory = Memory()
-    made.server = UdsServer(made.ecu, made.key, bytes, faults=made.memory.now)
+def memory() -> Memory:
+    return Memory()
+
+
+@pytest.fixture
+def bench(memory) -> Bench:
+    made = Bench()
+    made.server = UdsServer(made.ecu, made.key, bytes, faults=memory.now)
     return made
 
 
@@ -57,9 +56,8 @@ def test_every_reason_that_is_a_fault_has_a_code_of_its_own():
     assert [in_letters(CODES[one]) for one in (LOST, SENSOR, Reason.NO_SPEED)] == ["U1101-87", "P1106-86", "U1110-87"]
 
 
-def test_statuses_over_operation_cycles():
+def test_statuses_over_operation_cycles(memory):
     """The status by the bits of ISO 14229-1, table D.1."""
-    memory = Memory()
     assert memory.status() == 0x50
     memory.note(None)
     assert memory.status() == 0x00
@@ -81,9 +79,8 @@ def test_statuses_over_operation_cycles():
     assert (memory.status(), memory.now.faults[LOST].snapshot, memory.now.faults[LOST].age) == (0x60, b"", 0)
 
 
-def test_little_is_written_and_nothing_while_jets_run():
+def test_little_is_written_and_nothing_while_jets_run(memory):
     """Any course of statuses is compared with the memory in C, in `tests/proofs/loader_in_c`."""
-    memory = Memory()
     for reason in (*CODES, None, *CODES, None, *CODES):
         memory.note(reason)
     assert memory.writes <= len(CODES) + 1
@@ -99,8 +96,7 @@ def test_little_is_written_and_nothing_while_jets_run():
     assert memory.writes == before + 1 and memory.power_on().faults[LOST].snapshot == SNAPSHOT
 
 
-def test_a_damaged_record_is_an_empty_memory_and_a_failing_one_is_tried_once():
-    memory = Memory()
+def test_a_damaged_record_is_an_empty_memory_and_a_failing_one_is_tried_once(memory):
     memory.note(LOST)
     record = memory.record
     for damaged in (b"", record[:-1], record[:9] + b"\x00" + record[10:], b"SWF2" + record[4:], record + b"\x00"):
@@ -114,9 +110,8 @@ def test_a_damaged_record_is_an_empty_memory_and_a_failing_one_is_tried_once():
         memory.now.clear([LOST])
 
 
-def test_the_answers(bench):
+def test_the_answers(bench, memory):
     """Numbers of the standard; the shortest code is that of STREAM_LOST, U1101-87."""
-    memory = bench.memory
     taken = bytes.fromhex("fd20 0000ffff fd21 02 fd22 0003 fd23 0000 fd24") + SNAPSHOT[9:]
     bench.talk("19 01 FF > 59 01 7F 00 00 0E\n19 02 2F > 59 02 7F\n19 01 80 > 59 01 7F 00 00 00")
     memory.note(LOST)
@@ -146,15 +141,13 @@ def test_the_answers(bench):
     bench.talk("14 FF FF FF > PROGRAMMING_FAILURE")
 
 
-def test_settings_last_as_long_as_sessions_beyond_the_default(bench):
-    memory = bench.memory
+def test_settings_last_as_long_as_sessions_beyond_the_default(bench, memory):
     bench.talk("10 03 > ok\n85 02 > C5 02\n28 01 01 > 68 01")
     memory.note(LOST)
     memory.note(SENSOR)
     memory.note(None)
     bench.talk("10 02 > ok")
-    assert bench.server.is_silent
-    assert not memory.now.is_on
+    assert bench.server.is_silent and not memory.now.is_on
     bench.talk("85 01 > C5 01\n28 00 03 > 68 00")
     memory.now.settle()
     assert (bench.server.is_silent, memory.status(), memory.status(SENSOR)) == (False, 0, 0), "the last result alone"

@@ -1,13 +1,10 @@
-"""Security access: seeds, wrong attempts and the delay after them.
-
-`test_pdx` computes answers by another implementation, `tests/can_bridge/secoc/test_key.py` reads key files.
-"""
+"""Security access: seeds, wrong attempts and the delay after them; `test_pdx` computes answers by another library."""
 
 import pytest
 from cryptography.hazmat.primitives.ciphers.algorithms import AES
 from cryptography.hazmat.primitives.cmac import CMAC
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.uds.services import Nrc, Session
 from tests.can_bridge.uds.scripted_ecu import MS, Bench, S, ScriptedEcu, refused
 
@@ -29,14 +26,11 @@ def bench() -> Bench:
 
 
 def try_wrong(bench: Bench) -> bytes | None:
-    """A seed and a wrong key."""
-    seed = bench.ask(0x27, 1)
-    assert seed is not None and seed[:2] == b"\x67\x01" and len(seed) == 18
+    bench.seed()
     return bench.ask(0x27, 2, WRONG)
 
 
 def keep_alive(bench: Bench, nanoseconds: int) -> None:
-    """So long, with tester present."""
     end_ns = bench.now_ns + nanoseconds
     while bench.now_ns < end_ns:
         bench.wait(min(2 * S, end_ns - bench.now_ns))
@@ -53,16 +47,12 @@ def test_a_seed_of_zeros_says_that_the_level_is_unlocked(bench):
 
 
 def test_wrong_key_three_times_and_then_the_delay(bench):
-    assert [try_wrong(bench) for _ in range(3)] == [
-        refused(0x27, Nrc.INVALID_KEY),
-        refused(0x27, Nrc.INVALID_KEY),
-        refused(0x27, Nrc.EXCEEDED_ATTEMPTS),
-    ]
+    for code in (Nrc.INVALID_KEY, Nrc.INVALID_KEY, Nrc.EXCEEDED_ATTEMPTS):
+        assert try_wrong(bench) == refused(0x27, code)
     assert bench.server.unlocked is None
-    bench.talk("27 01 > DELAY_NOT_EXPIRED")
-    keep_alive(bench, 10 * S - MS)
-    assert bench.ask(0x27, 1) == refused(0x27, Nrc.DELAY_NOT_EXPIRED)
-    keep_alive(bench, MS)
+    for waits_ns in (10 * S - MS, MS):
+        bench.talk("27 01 > DELAY_NOT_EXPIRED")
+        keep_alive(bench, waits_ns)
     # Each further wrong key brings the delay again.
     for count in (4, 5):
         assert try_wrong(bench) == refused(0x27, Nrc.EXCEEDED_ATTEMPTS)
@@ -82,24 +72,22 @@ def test_a_seed_is_good_for_one_answer_of_its_level_in_its_session(bench):
         return bench.ask(0x27, 2, bench.key.answer(level, seed))
 
     wrong, out_of_order = refused(0x27, Nrc.INVALID_KEY), refused(0x27, Nrc.SEQUENCE_ERROR)
-    first, second = bench.ask(0x27, 1)[2:], bench.ask(0x27, 1)[2:]
+    first, second = bench.seed(), bench.seed()
     assert first != second
     assert (answer_to(first), answer_to(second)) == (wrong, out_of_order)
-    assert answer_to(bench.ask(0x27, 1)[2:], Level.CALIBRATION) == wrong
-    seed = bench.ask(0x27, 1)[2:]
+    assert answer_to(bench.seed(), Level.CALIBRATION) == wrong
+    seed = bench.seed()
     bench.ask(0x10, Session.PROGRAMMING)
     assert answer_to(seed) == out_of_order
 
 
 def test_attempt_is_kept_before_it_is_judged(bench):
     """A supply that is cut when the answer is seen to be wrong must not save the attempt."""
-    bench.ask(0x27, 1)
     bench.ecu.refusals["keep"] = Nrc.PROGRAMMING_FAILURE
-    assert bench.ask(0x27, 2, WRONG) == refused(0x27, Nrc.PROGRAMMING_FAILURE)
+    assert try_wrong(bench) == refused(0x27, Nrc.PROGRAMMING_FAILURE)
     assert bench.ecu.calls[-1] == ("keep", Level.PROGRAMMING, 1)
     # A memory that counts no attempts unlocks nothing.
-    seed = bench.ask(0x27, 1)[2:]
-    right = bench.key.answer(Level.PROGRAMMING, seed)
+    right = bench.key.answer(Level.PROGRAMMING, bench.seed())
     assert bench.ask(0x27, 2, right) == refused(0x27, Nrc.PROGRAMMING_FAILURE)
     assert bench.server.unlocked is None
 
@@ -108,8 +96,7 @@ def test_attempts_before_power_on_count():
     ecu = ScriptedEcu()
     ecu.attempts[Level.PROGRAMMING] = 3
     bench = Bench(ecu, now_ns=77 * S)
-    bench.ask(0x10, Session.PROGRAMMING)
-    assert bench.ask(0x27, 1) == refused(0x27, Nrc.DELAY_NOT_EXPIRED)
+    bench.talk("10 02 > ok\n27 01 > DELAY_NOT_EXPIRED")
     keep_alive(bench, 10 * S)
     bench.unlock()
     ecu.attempts[Level.PROGRAMMING] = 2

@@ -1,19 +1,15 @@
-"""Sessions, timing, downloads, and each negative response outside security access.
-
-What any bytes are answered is tested against the server in C, in `tests/proofs/loader_in_c/test_node.py`.
-"""
+"""Sessions, timing, downloads, and each negative response outside security access; for answers to any bytes see
+`tests/proofs/loader_in_c/test_node.py`."""
 
 import itertools
 
 import pytest
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.uds.services import LONGEST_ANSWER, MAX_BLOCK, Did, Nrc, Routine, Service, Session
-from tests.can_bridge.uds.scripted_ecu import MS, Bench, S, refused
+from tests.can_bridge.uds.scripted_ecu import MS, Bench, S, refused, talk
 
-PRECONDITIONS = Routine.PRECONDITIONS.to_bytes(2, "big")
 CHECK = Routine.CHECK.to_bytes(2, "big")
-SERIAL = Did.SERIAL_NUMBER.to_bytes(2, "big")
 
 
 @pytest.fixture
@@ -49,7 +45,7 @@ def test_wrong_lengths_and_sub_functions(bench):
     for code, requests in REFUSED.items():
         for request in map(bytes.fromhex, requests.split()):
             assert bench.ask(request) == refused(request[0], code), request.hex()
-    assert bench.ask(b"\x22" + 17 * SERIAL) == refused(0x22, Nrc.INCORRECT_LENGTH)
+    assert bench.ask(b"\x22" + 17 * b"\xf1\x8c") == refused(0x22, Nrc.INCORRECT_LENGTH)
     assert not any(bench.ecu.attempts.values()), "a request of another length is no attempt"
     # Longer than ISO-TP carries.
     bench.talk("2E FD 02 00x4092 > 6E FD 02\n2E FD 02 00x4493 > INCORRECT_LENGTH")
@@ -63,8 +59,7 @@ def test_every_change_of_session_locks_and_leaves(bench):
         bench.unlock()
         bench.ecu.calls.clear()
         bench.ask(0x10, session)
-        assert bench.server.unlocked is None
-        assert bench.ecu.calls == [("enter", session), ("leave",)], session
+        assert (bench.server.unlocked, bench.ecu.calls) == (None, [("enter", session), ("leave",)]), session
     # A refused one leaves that before.
     bench.unlock()
     bench.ecu.refusals["enter"] = Nrc.CONDITIONS_NOT_CORRECT
@@ -76,16 +71,14 @@ def test_silence_ends_a_session_and_any_request_keeps_it(bench):
     # P2 and P2* are 50 ms and 5 s.
     bench.talk("10 03 > 50 03 00 32 01 F4")
     bench.unlock()
-    bench.wait(5 * S - 1)
-    assert bench.server.session == Session.PROGRAMMING
-    bench.wait(1)
-    assert (bench.server.session, bench.server.unlocked) == (Session.DEFAULT, None)
-    assert bench.ecu.calls[-1] == ("leave",)
+    for waits_ns, session in ((5 * S - 1, Session.PROGRAMMING), (1, Session.DEFAULT)):
+        bench.wait(waits_ns)
+        assert bench.server.session == session
+    assert (bench.server.unlocked, bench.ecu.calls[-1]) == (None, ("leave",))
     # Without a tick, too.
     bench.ask(0x10, 3)
     bench.now_ns += 5 * S
-    assert bench.ask(0x31, 1, PRECONDITIONS) == refused(0x31, Nrc.SERVICE_NOT_IN_SESSION)
-    bench.ask(0x10, 3)
+    bench.talk("31 01 02 03 > SERVICE_NOT_IN_SESSION\n10 03 > ok")
     for heard in (b"\x3e\x80", b"\x3e\x00", b"\x22\xf1\x8c", b"\x99"):
         bench.wait(4 * S)
         bench.ask(heard)
@@ -93,12 +86,10 @@ def test_silence_ends_a_session_and_any_request_keeps_it(bench):
     # S3 stands while a request is worked on, and begins with its answer.
     bench.unlock()
     bench.ecu.pieces = 3
-    assert bench.ask(0x31, 1, CHECK) is None
-    for _ in range(3):
-        bench.wait(4 * S)
-    assert bench.server.session == Session.PROGRAMMING
-    bench.wait(5 * S - 1)
-    assert bench.server.session == Session.PROGRAMMING
+    bench.talk("31 01 FF 01 > -")
+    for waits_ns in (4 * S, 4 * S, 4 * S, 5 * S - 1):
+        bench.wait(waits_ns)
+        assert bench.server.session == Session.PROGRAMMING
     bench.wait(1)
     assert bench.server.session == Session.DEFAULT
 
@@ -112,43 +103,35 @@ def test_positive_answers_are_suppressed_and_negative_ones_are_not(bench):
 
 
 def test_reset_is_answered_before_it_happens(bench):
-    bench.ask(0x10, 2)
-    assert bench.ask(0x11, 1) == b"\x51\x01"
-    assert ("reset",) not in bench.ecu.calls
-    assert bench.server.is_busy
-    assert bench.ask(0x10, 1) == refused(0x10, Nrc.BUSY_REPEAT_REQUEST)
-    assert bench.wait(MS) == []
-    assert bench.ecu.calls.count(("reset",)) == 1
-    bench.wait(MS)
-    assert bench.ecu.calls.count(("reset",)) == 1
+    bench.talk("10 02 > ok\n11 01 > 51 01")
+    assert bench.server.is_busy and ("reset",) not in bench.ecu.calls
+    bench.talk("10 01 > BUSY_REPEAT_REQUEST")
+    for _ in range(2):
+        assert (bench.wait(MS), bench.ecu.calls.count(("reset",))) == ([], 1)
 
 
 def test_long_work_is_announced_in_time(bench):
     bench.unlock()
     bench.ecu.pieces, bench.ecu.status = 1000, b"\x05"
-    start_ns = bench.now_ns
-    assert bench.ask(0x31, 1, CHECK) is None
-    sent = []
+    start_ns, sent = bench.now_ns, list[tuple[int, bytes]]()
+    bench.talk("31 01 FF 01 > -")
     while bench.server.is_busy:
         sent += [(bench.now_ns - start_ns, answer) for answer in bench.wait(10 * MS)]
-    pending = [time for time, answer in sent if answer == refused(0x31, Nrc.RESPONSE_PENDING)]
     assert sent[-1] == (10 * S, b"\x71\x01" + CHECK + b"\x05")
-    assert len(sent) == len(pending) + 1
+    assert {answer for _, answer in sent[:-1]} == {refused(0x31, Nrc.RESPONSE_PENDING)}
     # P2 is 50 ms, P2* 5 s.
-    assert 0 < pending[0] <= 50 * MS
-    assert all(0 < later - earlier <= 5 * S for earlier, later in itertools.pairwise(pending))
-    assert sent[-1][0] - pending[-1] <= 5 * S
+    assert 0 < sent[0][0] <= 50 * MS
+    assert all(0 < later - earlier <= 5 * S for (earlier, _), (later, _) in itertools.pairwise(sent))
 
 
 def test_suppressed_work_is_answered_only_to_who_had_to_wait(bench):
     bench.unlock()
     bench.ecu.pieces = 2
-    assert bench.ask(0x31, 0x81, CHECK) is None
-    assert bench.wait(40 * MS) == [refused(0x31, Nrc.RESPONSE_PENDING)]
-    assert bench.wait(40 * MS) == [b"\x71\x01" + CHECK]
-    assert bench.ask(0x31, 0x81, CHECK) is None
-    assert bench.wait(10 * MS) + bench.wait(10 * MS) == []
-    assert not bench.server.is_busy
+    pending = refused(0x31, Nrc.RESPONSE_PENDING)
+    for waits_ns, expected in ((40 * MS, [pending, b"\x71\x01" + CHECK]), (10 * MS, [])):
+        bench.talk("31 81 FF 01 > -")
+        assert bench.wait(waits_ns) + bench.wait(waits_ns) == expected
+        assert not bench.server.is_busy
 
 
 def test_other_requests_wait_and_work_may_end_in_a_refusal(bench):
@@ -173,19 +156,17 @@ def test_reading_and_writing(bench, monkeypatch):
         22 F1 8C 00 00 F1 91 > 62 F1 8C 30 38 31 35 F1 91 62 65 6E 63 68
         """
     )
-    store = Did.STORE.to_bytes(2, "big")
     bench.ecu.values[Did.STORE] = bytes(4092)
-    assert bench.ask(0x22, store) == b"\x62" + store + bytes(4092)
-    bench.talk("22 FD 01 F1 8C > RESPONSE_TOO_LONG")
+    bench.talk(f"22 FD 01 > 62 FD 01 {bytes(4092).hex()}\n22 FD 01 F1 8C > RESPONSE_TOO_LONG")
     bench.ecu.values[Did.STORE] = bytes(LONGEST_ANSWER - 9)
-    assert len(bench.ask(0x22, store + b"\xf1\x8c")) == LONGEST_ANSWER
+    assert len(bench.ask(b"\x22\xfd\x01\xf1\x8c")) == LONGEST_ANSWER
     bench.ecu.values[Did.STORE] = bytes(4093)
     bench.talk("22 FD 01 > RESPONSE_TOO_LONG")
     bench.ecu.refusals["read"] = Nrc.CONDITIONS_NOT_CORRECT
     bench.talk("22 F1 8C > CONDITIONS_NOT_CORRECT")
     with monkeypatch.context() as patch, pytest.raises(ZeroDivisionError):  # an error of the ECU is not hidden
         patch.setattr(bench.ecu, "read", lambda did: 1 // 0)
-        bench.ask(0x22, SERIAL)
+        bench.ask(b"\x22\xf1\x8c")
     assert not bench.server.is_busy
     bench.unlock(Level.CALIBRATION)
     bench.talk("2E FD 12 01 > 6E FD 12")
@@ -196,9 +177,8 @@ def test_reading_and_writing(bench, monkeypatch):
 
 
 def test_identifiers_are_written_in_their_sessions_with_their_keys(bench):
-    writable = {Did.KEY_LIST: Level.PROGRAMMING} | dict.fromkeys(
-        (Did.CALIBRATION, Did.CALIBRATION_STORED), Level.CALIBRATION
-    )
+    writable = {Did.KEY_LIST: Level.PROGRAMMING}
+    writable |= dict.fromkeys((Did.CALIBRATION, Did.CALIBRATION_STORED), Level.CALIBRATION)
     for level, did in itertools.product(Level, [*Did, 0x0000]):
         bench.unlock(level)
         bench.ecu.calls.clear()
@@ -231,41 +211,33 @@ def test_routines_need_their_key_and_their_option_record(bench):
 def test_refusals_that_others_may_serve_are_not_sent_to_a_functional_request(bench):
     """ISO 14229-1:2020, section 7.5; what the tester was told to wait for is answered all the same."""
 
-    def functional(*parts: int | bytes) -> list[bytes]:
-        payload = b"".join(bytes([part]) if isinstance(part, int) else part for part in parts)
-        return bench.server.request(bench.now_ns, payload, is_functional=True)
+    def functional(text: str) -> None:
+        talk(lambda request: bench.server.request(bench.now_ns, request, is_functional=True), text)
 
-    unsent = {Nrc(code) for code in (0x11, 0x12, 0x31, 0x7E, 0x7F)}
+    # Codes 11, 12, 31, 7E and 7F.
     for request, code in (
-        ((0x99, 1), Nrc.SERVICE_NOT_SUPPORTED),
-        ((0x10, 0x04), Nrc.SUB_FUNCTION_NOT_SUPPORTED),
-        ((0x22, 0xFF, 0xFF), Nrc.OUT_OF_RANGE),
-        ((0x31, 0x01, CHECK), Nrc.SERVICE_NOT_IN_SESSION),
-        ((0x22, 0xF1), Nrc.INCORRECT_LENGTH),
+        ("99 01", Nrc.SERVICE_NOT_SUPPORTED),
+        ("10 04", Nrc.SUB_FUNCTION_NOT_SUPPORTED),
+        ("22 FF FF", Nrc.OUT_OF_RANGE),
+        ("31 01 FF 01", Nrc.SERVICE_NOT_IN_SESSION),
     ):
-        assert bench.ask(*request) == refused(request[0], code)
-        assert functional(*request) == ([] if code in unsent else [refused(request[0], code)]), code
-    assert functional(0x3E, 0x00) == [b"\x7e\x00"] and functional(0x3E, 0x80) == []
-    assert functional(0x22, SERIAL) == [bench.ask(0x22, SERIAL)]
-    bench.ask(0x10, Session.EXTENDED)
-    assert bench.ask(0x27, Level.PROGRAMMING) == refused(0x27, Nrc.SUB_FUNCTION_NOT_IN_SESSION)
-    assert functional(0x27, Level.PROGRAMMING) == []
+        bench.talk(f"{request} > {code.name}")
+        functional(f"{request} > -")
+    functional("22 F1 > INCORRECT_LENGTH\n3E 00 > 7E 00\n3E 80 > -\n22 F1 8C > 62 F1 8C 30 38 31 35")
+    bench.talk("10 03 > ok\n27 01 > SUB_FUNCTION_NOT_IN_SESSION")
+    functional("27 01 > -")
     bench.unlock()
     bench.ecu.pieces, bench.ecu.refusals = 2, {"routine": Nrc.OUT_OF_RANGE}
     for waits_ms, expected in ((1, []), (40, [refused(0x31, Nrc.RESPONSE_PENDING), refused(0x31, Nrc.OUT_OF_RANGE)])):
-        assert functional(0x31, 0x01, PRECONDITIONS) == []
+        functional("31 01 02 03 > -")
         assert bench.wait(waits_ms * MS) + bench.wait(MS) == expected
 
 
 # Downloads, block by block; `tests/can_bridge/tester` loses and doubles requests.
 
 
-def asking(length: int, offset: int = 0) -> str:
-    return f"34 00 44 {offset:08x} {length:08x}"
-
-
-def written(bench: Bench) -> bytes:
-    return b"".join(call[1] for call in bench.ecu.calls if call[0] == "transfer")
+def asking(length: int) -> str:
+    return f"34 00 44 00x4 {length:08x}"
 
 
 def test_download_requests(bench):
@@ -278,10 +250,10 @@ def test_download_requests(bench):
         34 00 24 00x8 > OUT_OF_RANGE
         34 00 44 00x7 > INCORRECT_LENGTH
         34 00 44 00x9 > INCORRECT_LENGTH
-        {asking(10, offset=7)} > 74 20 {MAX_BLOCK:04x}
+        34 00 44 00 00 00 07 00 00 00 0A > 74 20 {MAX_BLOCK:04x}
         {asking(5)} > CONDITIONS_NOT_CORRECT
         36 01 00x4 > 76 01
-        {asking(10, offset=7)} > CONDITIONS_NOT_CORRECT
+        34 00 44 00 00 00 07 00 00 00 0A > CONDITIONS_NOT_CORRECT
         10 02 > ok
         {asking(0)} > SECURITY_ACCESS_DENIED
         36 01 00 > SECURITY_ACCESS_DENIED
@@ -319,7 +291,8 @@ def test_blocks_out_of_order_and_of_another_length(bench):
         36 01 00x{MAX_BLOCK - 2} > 76 01
         """
     )
-    assert written(bench)[: -MAX_BLOCK + 2] == b"\xaa\xbb\xcc\xdd", "a block that is sent again is written once"
+    written = b"".join(call[1] for call in bench.ecu.calls if call[0] == "transfer")
+    assert written[: -MAX_BLOCK + 2] == b"\xaa\xbb\xcc\xdd", "a block that is sent again is written once"
 
 
 def test_what_ends_a_download(bench):

@@ -55,18 +55,17 @@ def test_value_tables_are_the_dbcs():
 
 BEHIND = ("E2E_CRC", "E2E_Counter", "Freshness", "MAC")
 """Not the codec's: filled in by the protection around it."""
-WIDE = 10
-"""Bits up to which every value is tried; of a wider signal every 61st, the powers of two and their neighbours."""
 SCALED = ("Pressure0", "Flow", "Age", "Speed", "AirDensity")
 """Signals whose values are rounded: every value of each."""
 TABLES = {"Mode": len(Mode), "State": len(Mode), "Reason": len(Reason)}
 
 
 def raw_values(signal):
+    """All of a signal up to 10 bits; of a wider one every 61st, the powers of two and their neighbours."""
     if signal.name in TABLES:
         return range(TABLES[signal.name])
     low, high = (-(1 << signal.length - 1), 1 << signal.length - 1) if signal.is_signed else (0, 1 << signal.length)
-    if signal.length <= WIDE or signal.name in SCALED:
+    if signal.length <= 10 or signal.name in SCALED:
         return range(low, high)
     near = (value + step for value in (1 << bit for bit in range(signal.length + 1)) for step in (-1, 0, 1))
     some = range(low, high, 61) if signal.length <= 16 else ()

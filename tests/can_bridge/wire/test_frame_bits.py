@@ -27,7 +27,6 @@ def header(frame: Frame) -> str:
 
 
 def content(frame: Frame) -> str:
-    """Length code and data."""
     return f"{FD_LENGTHS.index(len(frame.data)):04b}" + "".join(f"{byte:08b}" for byte in frame.data)
 
 
@@ -69,10 +68,8 @@ def test_a_can_fd_frame_has_the_bits_of_its_fields(frame, passive):
     crc = 17 if len(frame.data) <= 16 else 21
     fixed = -(-(4 + crc) // 4)  # before the stuff count, then after every fourth bit of stuff count and CRC
     assert sent_bits(frame, error_passive=passive).stuffed == sent
-    assert sent_bits(frame, error_passive=passive).total == (
-        switch + 1 + 2 + 7 + 3,
-        len(sent) - switch + 4 + crc + fixed,
-    )
+    total = switch + 1 + 2 + 7 + 3, len(sent) - switch + 4 + crc + fixed
+    assert sent_bits(frame, error_passive=passive).total == total
 
 
 def test_the_published_worst_case_of_stuffing_and_check_value():

@@ -16,7 +16,6 @@ FIXED = {"request_id": "0x18DA5AF1", "response_id": "0x18DAF15A", "functional_id
 
 
 def ids(**given: Any) -> DiagnosisConfig:
-    """Settings of any kind of value."""
     return DiagnosisConfig(**given)
 
 

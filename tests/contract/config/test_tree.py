@@ -1,12 +1,8 @@
-"""Every default says where it comes from, and what is said to be the paper's stands there.
-
-Bodies and their sensors: the rules of the settings, and places on the surface.
-"""
+"""The settings' rules, the sources of their defaults, and the places of a body's sensors on its surface."""
 
 import math
 import re
-from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -28,28 +24,20 @@ from contract.errors import ConfigError
 from contract.geometry import HALF_WIDTH, JET_WIDTH
 
 
-def groups(tree: Any, above: str = "") -> Iterator[tuple[str, Any]]:
-    """Every section with its dotted name."""
-    for field in fields(tree):
-        value = getattr(tree, field.name)
-        if is_dataclass(value):
-            yield f"{above}{field.name}", value
-            yield from groups(value, f"{above}{field.name}.")
-
-
 def test_every_number_must_be_finite_and_none_but_a_reference_may_be_negative():
-    for name, group in groups(Config()):
-        assert group.section == name
-        for field in fields(group):
-            value = getattr(group, field.name)
-            if isinstance(value, str | bool) or is_dataclass(value):
+    for section in sections(Config()):
+        group = attrgetter(section.name)(Config())
+        assert group.section == section.name
+        for one in section.settings:
+            name = one.name.rpartition(".")[2]
+            if isinstance(one.value, str | bool):
                 continue
             bad = [math.nan, math.inf, -math.inf]
-            if field.name != "drag_reference":
-                bad.append(-1 if isinstance(value, int) else -1e-9)
+            if name != "drag_reference":
+                bad.append(-1 if isinstance(one.value, int) else -1e-9)
             for wrong in bad:
-                with pytest.raises(ConfigError, match=rf"{group.section}\.{field.name} = {wrong}: must be"):
-                    type(group)(**{field.name: wrong})
+                with pytest.raises(ConfigError, match=rf"{one.name} = {wrong}: must be"):
+                    type(group)(**{name: wrong})
 
 
 def test_a_rule_holds_up_to_its_bound_and_no_further():

@@ -53,8 +53,8 @@ def greedy() -> bytes:
         helper.make_node("ReduceSum", ["taken"], ["total"], keepdims=0),
         helper.make_node("Add", ["plan", "total"], ["moved"]),
     ]
-    one = onnx.numpy_helper.from_array(np.array([1]), "one")
-    return graph_of(nodes, [constant("many", np.array(1e9)), one], "moved").SerializeToString()
+    constants = [constant("many", 1e9), constant("one", [1], np.int64)]
+    return graph_of(nodes, constants, "moved").SerializeToString()
 
 
 def outside() -> onnx.TensorProto:

@@ -1,7 +1,4 @@
-"""Views and hypotheses of the sensor estimator, against what can be counted and worked out by hand.
-
-The past at another speed: what is linear along the way is read exactly, and the design speed changes nothing.
-"""
+"""Views and hypotheses of the sensor estimator, and the past at another speed, against what is worked out by hand."""
 
 from itertools import pairwise
 
@@ -59,10 +56,7 @@ def test_no_estimate_is_built_on_what_its_view_leaves_out_and_an_exchange_undoes
             np.testing.assert_array_equal(crossed[place[WindowView((j,), pair)]], plain[place[WindowView((j,))]])
 
 
-SPEEDS = st.lists(st.floats(0.3, 2.0), min_size=2, max_size=60)
-
-
-@given(SPEEDS, st.integers(1, 40))
+@given(st.lists(st.floats(0.3, 2.0), min_size=2, max_size=60), st.integers(1, 40))
 def test_rows_lie_whole_steps_of_travel_behind_the_newest(speeds: list[float], length: int) -> None:
     travelled = np.cumsum(speeds)
     found = places(speeds, length)

@@ -22,10 +22,11 @@ from contract.recording.episode import PlantFacts
 from contract.sensor_layout import SensorLayout
 from tests.contract.recording.random_episodes import FACTS, episode
 
+FINEST, COARSEST = 2.0**-15, 2.0**-8
+
 
 @pytest.fixture
 def written(tmp_path) -> Path:
-    """A data set of two episodes of the truck."""
     path = tmp_path / "data.h5"
     dataset.write(path, Dataset(episodes=(episode("b"), episode("a", steps=7, role="test"))))
     return path
@@ -36,9 +37,8 @@ def test_round_trip_keeps_order_and_all_but_half_a_quantum(tmp_path, written):
     read = dataset.read(written)
     assert [item.name for item in read.episodes] == ["b", "a"]
     for before, after in zip(original.episodes, read.episodes, strict=True):
-        assert (after.role, after.initial_action, after.provenance) == (
-            before.role, before.initial_action, before.provenance,
-        )  # fmt: skip
+        for name in ("role", "initial_action", "provenance"):
+            assert getattr(after, name) == getattr(before, name)
         for field in UNITS:
             error = np.abs(after.series[field] - before.series[field]).max()
             # 16 bits over +-4 for Cp and over +-1 for the rest, which these stay within; time and action are exact.
@@ -70,7 +70,7 @@ def test_facts_and_actions_that_follow_from_an_episode():
 
 def test_a_survey_names_everything_that_is_wrong_at_once(written):
     with h5py.File(written, "r+") as file:
-        for spoil in (no_field, without("episodes/a", "provenance"), wrong_units, nan_in_the_middle):
+        for spoil in (NO_FIELD, without("episodes/a", "provenance"), WRONG_UNITS, NAN_IN_THE_MIDDLE):
             spoil(file)
     rest, problems = dataset.survey(written)
     assert rest is not None and [item.name for item in rest.episodes] == ["b"]
@@ -96,42 +96,29 @@ def test_episode_that_does_not_fit_is_refused_by_name():
             build()
 
 
-def as_schema_2(file: h5py.File) -> None:
-    """What a file of the truck was before the layout stood in it."""
-    file.attrs["schema"] = dataset.DATASET_SCHEMA_2
-    file.attrs["sensors"] = json.dumps(sensors.NAMES)
-    del file["layout"]
+Spoil = Callable[[h5py.File], object]
 
 
-def without(place: str, name: str) -> Callable[[h5py.File], None]:
+def deleted(place: str) -> Spoil:
+    return lambda file: file.__delitem__(place)
+
+
+def without(place: str, name: str) -> Spoil:
     return lambda file: file[place].attrs.__delitem__(name)
 
 
-def with_attribute(place: str, name: str, value: object) -> Callable[[h5py.File], None]:
+def with_attribute(place: str, name: str, value: object) -> Spoil:
     return lambda file: file[place].attrs.__setitem__(name, value)
 
 
-def no_field(file: h5py.File) -> None:
-    del file["episodes/a/Cl"]
-
-
-def nan_in_the_middle(file: h5py.File) -> None:
-    file["episodes/a/action"][3] = np.nan
-
-
-def wrong_units(file: h5py.File) -> None:
-    file["episodes/a/Uy_probe"].attrs["units"] = "m/s"
-
-
 def virtual(file: h5py.File) -> None:
-    """A series that is a view of itself."""
     layout = h5py.VirtualLayout(shape=(7,), dtype="i2")
     layout[:] = h5py.VirtualSource(".", "episodes/a/Cd", shape=(7,))
     del file["episodes/a/Cd"]
     file.create_virtual_dataset("episodes/a/Cd", layout)
 
 
-def stored(name: str, change: Callable[[Any], Any]) -> Callable[[h5py.File], None]:
+def stored(name: str, change: Callable[[Any], Any]) -> Spoil:
     """A series of episode a in other form, with its attributes."""
 
     def spoil(file: h5py.File) -> None:
@@ -143,17 +130,19 @@ def stored(name: str, change: Callable[[Any], Any]) -> Callable[[h5py.File], Non
     return spoil
 
 
-SPOILT: list[tuple[Callable[[h5py.File], object], str]] = [
+NO_FIELD, WRONG_UNITS = deleted("episodes/a/Cl"), with_attribute("episodes/a/Uy_probe", "units", "m/s")
+NAN_IN_THE_MIDDLE = stored("action", lambda values: np.where(np.arange(7) == 3, np.nan, values))
+SPOILT: list[tuple[Spoil, str]] = [
     (with_attribute("/", "schema", "stillwake-dataset/4"), "schema 'stillwake-dataset/4'; this version reads"),
     (lambda file: file["episodes"].clear(), "no episode"),
-    (lambda file: file.__delitem__("episodes"), "damaged"),
-    (no_field, "episode a: field 'Cl' is missing"),
+    (deleted("episodes"), "damaged"),
+    (NO_FIELD, "episode a: field 'Cl' is missing"),
     (without("episodes/a", "provenance"), "episode a: attribute 'provenance' is missing: a JSON object"),
-    (lambda file: file.__delitem__("layout/positions"), "'layout/positions' is missing"),
+    (deleted("layout/positions"), "'layout/positions' is missing"),
     (with_attribute("/", "control_period", -0.2), "control_period = -0.2: must be positive"),
-    (wrong_units, "field 'Uy_probe' is in 'm/s', must be in 'U_inf'"),
+    (WRONG_UNITS, "field 'Uy_probe' is in 'm/s', must be in 'U_inf'"),
     (stored("Cp", lambda values: values[:, :4]), r"field 'Cp' has shape \(7, 4\), must be \(7, 90\)"),
-    (nan_in_the_middle, "episode a: field 'action' .* step 3"),
+    (NAN_IN_THE_MIDDLE, "episode a: field 'action' .* step 3"),
     (with_attribute("episodes/a/Cd", "quantum", -0.1), "field 'Cd' is stored as int16 with quantum -0.1"),
     (stored("Cd", lambda values: values.astype(np.int64)), "episode a: field 'Cd' is stored as int64"),
     # Read by h5py, a virtual array of itself is a segmentation fault.
@@ -188,9 +177,6 @@ def test_spoilt_file_is_refused_by_name(written):
     assert not list(written.parent.iterdir())
 
 
-FINEST, COARSEST = 2.0**-15, 2.0**-8
-
-
 @given(
     values=arrays(
         np.float64, array_shapes(max_dims=2, max_side=20), elements=st.floats(-32767 * COARSEST, 32767 * COARSEST)
@@ -221,9 +207,11 @@ def test_episodes_come_last_and_the_old_ones_keep_every_bit(written):
     found = dataset.read(written).episodes
     assert [item.name for item in found] == ["b", "a", "z", "c"]
     assert [item.role for item in found] == ["train", "test", "controlled", "train"]
-    # A file of the second schema gets the present one; a data set that is not there is made.
+    # A file of the second schema, without the layout, gets the present one; a data set that is not there is made.
     with h5py.File(written, "r+") as file:
-        as_schema_2(file)
+        file.attrs["schema"] = dataset.DATASET_SCHEMA_2
+        file.attrs["sensors"] = json.dumps(sensors.NAMES)
+        del file["layout"]
     assert dataset.read(written).layout is sensors.TRUCK
     spoilt = shutil.copy(written, written.with_name("few.h5"))
     with h5py.File(spoilt, "r+") as file:

@@ -1,5 +1,6 @@
 """What training or export would stumble over is found beforehand, each thing by itself and all at once."""
 
+import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -17,6 +18,7 @@ from contract.recording import dataset, needs
 from contract.recording.dataset import Dataset, Episode, Role
 from contract.recording.episode import PlantFacts
 from contract.recording.findings import asymmetry, findings, left_out, refuse_unfit, trainable
+from contract.recording.summary import fitting_settings
 from contract.sensor_layout import SensorLayout
 from contract.shipped import RECORDING
 from export.to_c.int8_arrays import INT8_LANES
@@ -24,7 +26,7 @@ from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 
 LAYOUT = SensorLayout.of(NAMES, np.array(POSITIONS), base=[NAMES.index(name) for name in BASE], symmetric=False)
-FACTS = PlantFacts(control_period=PERIOD, action_limit=LIMIT)
+FACTS, T = PlantFacts(control_period=PERIOD, action_limit=LIMIT), PERIOD * np.arange(120)
 CONFIG = Config(
     flow=FlowConfig(control_period=PERIOD, action_limit=LIMIT),
     model=ModelConfig(window=12),
@@ -50,7 +52,6 @@ def texts(data: Dataset, config: Config = CONFIG, stops: str | None = "training"
 
 
 def with_first(data: Dataset, **changes: Any) -> Dataset:
-    """The data set with series of its first episode replaced."""
     first, *others = data.episodes
     return replace(data, episodes=(replace(first, series={**first.series, **changes}), *others))
 
@@ -70,9 +71,6 @@ def test_a_sound_data_set_has_only_notes(sound):
     one = replace(shipped, episodes=shipped.episodes[:1])
     (skew,) = asymmetry(with_first(one, Cp=one.episodes[0].series["Cp"] + 5.0 * (np.arange(90) == 89)))
     assert "base_0 and base_9 are mirror images, but their mean Cp is" in skew and "--asymmetric" in skew
-
-
-T = PERIOD * np.arange(120)
 
 
 def test_times_and_actions_are_checked(sound):
@@ -185,3 +183,31 @@ def test_slips_of_units_are_noted(sound):
     )
     config = replace(CONFIG, flow=replace(CONFIG.flow, control_period=period))
     assert any("divide seconds by W / U_inf" in text for text in texts(seconds, config, stops=None))
+
+
+def wave(name: str, steps: int, cycle: float, amplitude: float) -> Episode:
+    """Cl of one frequency, 2 in amplitude, about 0.5; action of the same with that amplitude."""
+    phase = 2 * np.pi * np.arange(steps) / cycle
+    series = {"t": 0.25 * np.arange(steps), "action": amplitude * np.sin(phase), "Cd": np.full(steps, 1.25)}
+    series |= {"Cl": 0.5 + 2 * np.cos(phase), "Cp": np.zeros((steps, 2))}
+    return Episode(name=name, role="train", series=series, initial_action=0.0, provenance={})
+
+
+def data(*episodes: Episode, **facts: float) -> Dataset:
+    layout = SensorLayout.of(("a", "b"), np.eye(2), symmetric=False)
+    return Dataset(episodes=episodes, layout=layout, facts=PlantFacts(control_period=0.25, **facts))
+
+
+def test_settings_follow_from_the_data():
+    short, calm, forced = wave("short", 60, 9.0, 0.0), wave("calm", 400, 20.0, 0.0), wave("forced", 500, 30.0, 0.1)
+    text = fitting_settings(data(short, calm, forced, action_limit=0.1, reynolds=90.0))
+    assert "# mean Cd, uncontrolled, 400 steps of calm" in text
+    assert tomllib.loads(text) == {
+        "flow": {"control_period": 0.25, "action_limit": 0.1, "reynolds": 90.0},
+        "mpc": {"drag_reference": 1.25, "horizon": 20},
+        "model": {"window": 24},
+        "train": {"sensors": 2},
+    }
+    text = fitting_settings(data(wave("forced", 300, 20.0, 0.1), wave("moment", 24, 20.0, 0.0), action_limit=0.1))
+    assert "all episodes: none is uncontrolled for 25 steps" in text
+    assert "horizon" not in tomllib.loads(text)["mpc"]

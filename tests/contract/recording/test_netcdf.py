@@ -18,7 +18,6 @@ from tests.contract.recording.random_episodes import episode
 
 @pytest.fixture
 def written(tmp_path):
-    """An episode as a data set stores it, and its netCDF file."""
     series = {"Cl": np.array([-1.0, -32767 / 32768, 0.5] * 4)}
     dataset.write(tmp_path / "a.h5", Dataset(episodes=(episode("Lauf für Ø", series=series),)))
     (stored,) = dataset.read(tmp_path / "a.h5").episodes

@@ -1,7 +1,4 @@
-"""What no wall, balance or logger gives is named with its cause; what real ones give is passed over.
-
-The peak of a spectrum against waves whose frequency is known.
-"""
+"""What no wall, balance or logger gives is named with its cause; what real ones give is passed over."""
 
 import re
 from collections.abc import Callable
@@ -36,7 +33,6 @@ def made(change: Callable[[Series], Series], files: tuple[str, ...] = ALL, layou
 
 
 def sensor(k: int, change: Callable[[Array], Array]) -> Callable[[Series], Series]:
-    """A change of one sensor's column alone."""
     return lambda d: {"Cp": np.column_stack([change(c) if i == k else c for i, c in enumerate(d["Cp"].T)])}
 
 
@@ -161,17 +157,13 @@ def test_rows_of_another_file_are_found_and_a_wake_that_repeats_itself_is_none()
         assert list(implausible(replace(sound, episodes=tuple(cycles)))) == []
 
 
-PERIOD = 0.25
-
-
 def test_a_frequency_between_the_lines_of_the_spectrum_is_found():
     for cycle in (7.3, 25.0, 60.0):
         values = 3.0 + np.sin(2 * np.pi * np.arange(500) / cycle + 1.0)
         # An eighth of 1 / duration.
-        assert dominant_frequency(values, PERIOD) == pytest.approx(1 / (cycle * PERIOD), abs=1 / (8 * 500 * PERIOD))
+        assert dominant_frequency(values, 0.25) == pytest.approx(4 / cycle, abs=4 / (8 * 500))
     # No frequency without a wave.
-    assert dominant_frequency(np.ones(100), PERIOD) is None
-    assert dominant_frequency(np.arange(5.0), PERIOD) is None
+    assert dominant_frequency(np.ones(100), 0.25) is None and dominant_frequency(np.arange(5.0), 0.25) is None
     # Two waves share the power by their squares.
     t = 0.2 * np.arange(2000)
     waves = 3.0 * np.sin(2.0 * np.pi * 0.2 * t) + 1.0 * np.cos(2.0 * np.pi * 0.4 * t)

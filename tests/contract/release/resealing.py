@@ -13,7 +13,6 @@ from contract.release.manifest import MANIFEST
 
 
 def sealed(body: dict[str, Any]) -> bytes:
-    """A manifest's file with the right hash of its own."""
     body = {key: value for key, value in body.items() if key != "manifest_sha256"}
     plain = json.dumps(body, sort_keys=True, separators=(",", ":")).encode()
     return json.dumps({**body, "manifest_sha256": hashlib.sha256(plain).hexdigest()}).encode()

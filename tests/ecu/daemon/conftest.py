@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from can_bridge.bus.backends.python_can import PythonCanBus
+from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import FD
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from contract import sensors
@@ -20,19 +21,17 @@ from ecu.daemon.control_loop import ControlLoop
 from ecu.daemon.reception import FrameReception
 from ecu.ecu import Ecu
 from ecu.real_time.stage_times import EcuStage, StageTimes, TimedController
+from tests.ecu.conftest import RecordingController, make_bundle
 from tests.ecu.daemon.driving import Vehicle
 
 CHANNELS = count()
-PATIENCE_S = 10.0
-"""How long a test waits for another thread before it fails; never reached when all is well."""
 START_NS = 10**12
 
 
 def wait_for(condition: Callable[[], Any]) -> Any:
-    """Its value as soon as it holds."""
     begin = time.monotonic()
     while not (value := condition()):
-        assert time.monotonic() - begin < PATIENCE_S, "it did not happen"
+        assert time.monotonic() - begin < 10.0, "it did not happen"
         time.sleep(0.001)
     return value
 
@@ -49,8 +48,7 @@ class Rig:
         self.config = Config(ecu=EcuConfig(**ecu_settings))
         self.bus_config = BusConfig(interface="virtual", channel=f"daemon-{next(CHANNELS)}")
         self.period_ns = self.config.period_ns
-        self.now = START_NS
-        self.next_sample = START_NS + phase_ns
+        self.now, self.next_sample = START_NS, START_NS + phase_ns
         self.vehicle_bus = PythonCanBus.open(self.bus_config)
         self.vehicle = Vehicle(self.config, self.vehicle_bus)
         self.controller = controller
@@ -73,10 +71,9 @@ class Rig:
             now_ns=lambda: self.now,
             sleep_until=self.sleep_until,
         )
-        self.request = True
-        self.samples = 0
+        self.request, self.samples = True, 0
         self.delay = lambda number: 0
-        self.pending: list[tuple[int, object]] = []
+        self.pending: list[tuple[int, Frame | None]] = []
         self.commands, self.statuses = self.vehicle.commands, self.vehicle.statuses
         self.actions: list[float] = []
 
@@ -86,16 +83,13 @@ class Rig:
         return PythonCanBus(backend, accept={PRESSURE.frame_id, JET_COMMAND.frame_id})
 
     def sleep_until(self, due_ns: int) -> None:
-        while True:
-            times = [self.next_sample, *(at for at, _ in self.pending)]
-            if (at := min(times)) > due_ns:
-                break
+        while (first := min([(self.next_sample, None), *self.pending], key=lambda item: item[0]))[0] <= due_ns:
+            at, frame = first
             self.now = max(self.now, at)
-            if at == self.next_sample:
+            if frame is None:
                 self._sample()
             else:
-                self.pending.sort(key=lambda item: item[0])
-                _, frame = self.pending.pop(0)
+                self.pending.remove(first)
                 self._send(frame)
         self.now = max(self.now, due_ns)
 
@@ -107,12 +101,10 @@ class Rig:
         late_ns = self.delay(self.samples)
         self.samples += 1
         self.next_sample += self.period_ns
-        if late_ns is None:
-            return
-        if late_ns:
-            self.pending.append((self.now + late_ns, frame))
-        else:
+        if late_ns == 0:
             self._send(frame)
+        elif late_ns is not None:
+            self.pending.append((self.now + late_ns, frame))
 
     def _send(self, frame) -> None:
         before = self.inbox.received
@@ -122,7 +114,6 @@ class Rig:
 
     @property
     def hears(self) -> bool:
-        """Whether the bus is read."""
         read = self.connection._bus
         return read is not None and read.fault is None
 
@@ -145,11 +136,11 @@ class Rig:
 
 
 @pytest.fixture
-def rig_of(bundle_of, recording_controller) -> Iterator[Callable[..., Rig]]:
+def rig_of() -> Iterator[Callable[..., Rig]]:
     rigs: list[Rig] = []
 
     def make(controller=None, **settings) -> Rig:
-        rigs.append(Rig(bundle_of(), controller or recording_controller(), **settings))
+        rigs.append(Rig(make_bundle(), controller or RecordingController(), **settings))
         return rigs[-1]
 
     yield make

@@ -19,22 +19,16 @@ from tests.ecu.conftest import NAMES
 
 PATIENCE_S = 120.0
 """How long a test waits for another process before it fails; never reached when all is well."""
-ANEW = 50
-"""Periods after which the request is raised again."""
 
 
 class Vehicle:
-    """Samples and drives every period while it is asked to."""
-
     def __init__(self, config: Config, bus: PythonCanBus, authentication: Authentication | None = None) -> None:
         self.node = VehicleNode(NAMES, config, authentication=authentication)
         self._bus, self._period_s, self._messages = bus, config.period_ns / 1e9, message_set(config.bus)
-        self._due = time.monotonic()
-        self._phase = 0
+        self._due, self._phase = time.monotonic(), 0
         self.commands: list[JetCommand] = []
         self.statuses: list[EcuStatus] = []
-        self.action = 0.0
-        self.largest_action = 0.0
+        self.action = self.largest_action = 0.0
 
     def period(self, *, request: bool) -> None:
         """Wait for it, send pressures, and do what was commanded since the last one."""
@@ -58,13 +52,12 @@ class Vehicle:
         return self.action
 
     def until(self, condition: Callable[[], object], *, request: bool | None = None) -> None:
-        """Drive until it holds; without a stated request, one that is raised anew again and again."""
-        begin = time.monotonic()
-        number = 0
+        """Drive until it holds; without a stated request, one that is raised again every 50 periods."""
+        begin, number = time.monotonic(), 0
         while not condition():
             assert time.monotonic() - begin < PATIENCE_S, f"it did not happen: {self.statuses[-1:]}"
             number += 1
-            self.period(request=number % ANEW > 5 if request is None else request)
+            self.period(request=number % 50 > 5 if request is None else request)
 
     def into_control(self) -> None:
         self.largest_action = 0.0

@@ -56,11 +56,9 @@ def test_a_step_that_takes_too_long_leaves_periods_out_and_is_not_made_up_for(sl
     slow.run(1)
     slow.takes_ns = 0
     slow.run(10)
-    assert slow.loop.counters.left_out == 2
-    assert slow.loop.counters.steps == steps + 11
+    assert (slow.loop.counters.left_out, slow.loop.counters.steps) == (2, steps + 11)
     scheduled = slow.column(EcuStage.SCHEDULED)[-11:]
-    assert scheduled[0] - due == PERIOD
-    assert scheduled[1] - scheduled[0] == 3 * PERIOD
+    assert (scheduled[0] - due, scheduled[1] - scheduled[0]) == (PERIOD, 3 * PERIOD)
     assert set(np.diff(scheduled[1:])) == {PERIOD}
     assert slow.statuses[-1].overruns == 2
 
@@ -85,9 +83,8 @@ def test_each_stage_is_noted(slow):
 def test_another_ecu_on_the_bus_shuts_the_jets(rig):
     rig.into_control()
     other = E2eSender(JET_COMMAND)
-    content = codec.emit_jet_command(
-        JetCommand(flow_m2_per_s=1.0, mode=Mode.CONTROL, enable=True, pressure_counter=3, next_period=True)
-    )
+    command = JetCommand(flow_m2_per_s=1.0, mode=Mode.CONTROL, enable=True, pressure_counter=3, next_period=True)
+    content = codec.emit_jet_command(command)
     for number in range(40):
         # An edge does not arm while it is there.
         rig.request = number % 20 > 3
@@ -95,8 +92,7 @@ def test_another_ecu_on_the_bus_shuts_the_jets(rig):
         rig.run(1)
     assert rig.events.count("other_ecu") == 1
     assert {(c.mode, c.enable, c.flow_m2_per_s) for c in rig.commands[-38:]} == {(Mode.FAULT, False, 0.0)}
-    assert rig.statuses[-1].reason is Reason.OTHER_ECU
-    assert rig.loop.counters.state.other_ecu.frames == 40
+    assert (rig.statuses[-1].reason, rig.loop.counters.state.other_ecu.frames) == (Reason.OTHER_ECU, 40)
     # Its silence alone gives nothing back.
     rig.run(100)
     assert rig.events.count("other_ecu_gone") == 1
@@ -165,9 +161,8 @@ def test_frames_that_the_bus_does_not_take_are_counted_and_the_loop_goes_on(rig,
 
     monkeypatch.setattr(rig.opened[-1], "send", refuse)
     rig.run(3)
-    assert rig.loop.counters.not_sent == 6
+    assert (rig.loop.counters.not_sent, rig.column(EcuStage.SENT)[-3:]) == (6, [0, 0, 0])
     assert "no buffer space" in rig.connection.why_not_sent
-    assert rig.column(EcuStage.SENT)[-3:] == [0, 0, 0]
 
 
 def test_steps_make_no_garbage_that_needs_collecting(rig):

@@ -64,9 +64,8 @@ def test_what_cannot_be_written_or_kept_is_reported_once_and_once_when_it_can(tm
         wait_for(metrics.exists)
         seen = len(looks)
         wait_for(lambda: len(looks) > seen + 2)
-    assert [line.split(": ")[0] for line in lines] == [
-        *("metrics_failed", "freshness_failed", "freshness_written", "metrics_written")
-    ]
+    names = [line.split(": ")[0] for line in lines]
+    assert names == ["metrics_failed", "freshness_failed", "freshness_written", "metrics_written"]
     assert "cannot write" in lines[0] and lines[1] == "freshness_failed: cannot write x: no space"
     assert [path.name for path in folder.iterdir()] == ["ecu.prom"]
 
@@ -89,14 +88,12 @@ def test_an_event_is_a_plain_line_or_one_of_json():
     event = DatedEvent(date_ns=WHEN + 7_999_999, name="bus_lost", text="bus lost:\n  it's gone", fields={})
     assert plain(event) == "01:00:00.007 ecu: bus lost: it's gone"
     # JSON is read back by another parser.
-    event = DatedEvent(
-        date_ns=WHEN + 123_456_789, name="mode", text='a "b"\n', fields={"mode": "OFF", "n": 3, "s": 0.5}
-    )
-    line = as_json(event)
+    fields: dict[str, str | int | float] = {"mode": "OFF", "n": 3, "s": 0.5}
+    line = as_json(DatedEvent(date_ns=WHEN + 123_456_789, name="mode", text='a "b"\n', fields=fields))
     assert "\n" not in line
     read = json.loads(line)
     assert datetime.fromisoformat(read.pop("time")) == datetime(2026, 3, 29, 1, 0, 0, 123_456, UTC)
-    assert read == {"event": "mode", "text": 'a "b"\n', "mode": "OFF", "n": 3, "s": 0.5}
+    assert read == {"event": "mode", "text": 'a "b"\n', **fields}
 
 
 NAME = r"[a-zA-Z_:][a-zA-Z0-9_:]*"
@@ -125,27 +122,12 @@ def read(content: str) -> dict[tuple[str, str], float]:
 
 def test_every_number_stands_under_its_name_and_one_mode_and_one_reason_are_on():
     power_on = EcuState.power_on(window=4, sensors=4, horizon=5, delay=1)
-    state = replace(
-        power_on,
-        overruns=7,
-        missed=8,
-        health=BusHealth(bus_off=9, tx_errors=10, rx_errors=11),
-        fail_safe=power_on.fail_safe.latch(Reason.BUS_OFF),
-        other_ecu=OtherEcu(frames=12),
-    )
-    counters = Counters(
-        state=state,
-        steps=1,
-        left_out=2,
-        received=3,
-        dropped=4,
-        not_sent=5,
-        losses=6,
-        action=-0.025,
-        busy_ns=1_500_000_000,
-        longest_ns=16_000_000,
-        latest_wake_ns=1,
-    )
+    health, other = BusHealth(bus_off=9, tx_errors=10, rx_errors=11), OtherEcu(frames=12)
+    fault = power_on.fail_safe.latch(Reason.BUS_OFF)
+    state = replace(power_on, overruns=7, missed=8, health=health, fail_safe=fault, other_ecu=other)
+    counts = {"steps": 1, "left_out": 2, "received": 3, "dropped": 4, "not_sent": 5, "losses": 6}
+    times = {"busy_ns": 1_500_000_000, "longest_ns": 16_000_000, "latest_wake_ns": 1}
+    counters = Counters(state=state, action=-0.025, **counts, **times)
     # A bundle may have any name.
     samples = read(text(counters, bundle='a "b"\\\nc'))
     counted = (

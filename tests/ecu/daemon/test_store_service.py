@@ -9,10 +9,10 @@ from threading import Event
 import pytest
 
 from can_bridge.bus.backends.python_can import PythonCanBus
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import MediumError, RecordKind
 from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.flashing.report import decode
+from can_bridge.flashing.state import Level
 from can_bridge.flashing.store import BootReason
 from can_bridge.isotp.endpoint import Endpoint, IsoTpSettings
 from can_bridge.wire.frame import Frame
@@ -34,7 +34,6 @@ from tests.ecu.daemon.driving import PATIENCE_S
 from tests.ecu.flashable.vehicle_ecu import Rig, image, provision
 
 USUAL = DiagnosisConfig()
-SESSION, RESET = b"\x02\x10\x02", b"\x02\x11\x01"
 
 
 def serve(tmp_path: Path, is_stopped: Callable[[PythonCanBus], bool], ids: DiagnosisConfig = USUAL) -> list[str]:
@@ -55,10 +54,6 @@ def serve(tmp_path: Path, is_stopped: Callable[[PythonCanBus], bool], ids: Diagn
     return lines
 
 
-def ask(tester: PythonCanBus, request: bytes) -> None:
-    tester.send(Frame(frame_id=REQUEST_ID, data=request.ljust(8, b"\xcc")))
-
-
 def fail(*_: object) -> None:
     raise MediumError("the disk does not answer", 0)
 
@@ -67,11 +62,11 @@ def test_a_reset_that_fails_ends_the_process_so_that_another_one_boots(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(FlashableEcu, "_reset", fail)
-    until, requests = time.monotonic() + PATIENCE_S, [SESSION, RESET]
+    until, requests = time.monotonic() + PATIENCE_S, [b"\x02\x10\x02", b"\x02\x11\x01"]  # session, reset
 
     def is_stopped(tester: PythonCanBus) -> bool:
         if requests:
-            ask(tester, requests.pop(0))
+            tester.send(Frame(frame_id=REQUEST_ID, data=requests.pop(0).ljust(8, b"\xcc")))
         return time.monotonic() > until
 
     with pytest.raises(MediumError, match="does not answer"):
@@ -114,8 +109,6 @@ CONFIG = Config()
 
 
 class SlowDisk(FolderBacking):
-    """Keeps records only when it is let."""
-
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
         self.waits, self.let = Event(), Event()
@@ -127,13 +120,11 @@ class SlowDisk(FolderBacking):
 
 
 class AtTheOtherEnd:
-    """A tester, with the wire in between."""
-
     def __init__(self, ecu: FlashableEcu) -> None:
         self.endpoint = Endpoint(IsoTpSettings(receive_id=RESPONSE_ID, send_id=REQUEST_ID))
         self.failures: list[BaseException] = []
         self.answers: list[bytes] = []
-        self.thread = DiagnosisThread(ecu, self.hear, now_ns=clock.now_ns, failed=self.failures.append)
+        self.thread = DiagnosisThread(ecu, self.hear, self.failures.append)
 
     def hear(self, frames: Sequence[Frame]) -> None:
         for frame in frames:

@@ -13,8 +13,6 @@ from tests.each import each
 
 
 class Systemd:
-    """Its end of the socket."""
-
     def __init__(self, address: str) -> None:
         self.address = address
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -41,8 +39,7 @@ def systemd(tmp_path: Path) -> Iterator[Systemd]:
 
 def test_it_sends_what_the_protocol_has(tmp_path):
     for address in (str(tmp_path / "notify"), f"@stillwake-test-{os.getpid()}"):
-        systemd = Systemd(address)
-        notifier = Notifier({"NOTIFY_SOCKET": address}, pid=1)
+        systemd, notifier = Systemd(address), Notifier({"NOTIFY_SOCKET": address}, pid=1)
         notifier.ready("OFF")
         # A status of several lines is one assignment; a path need not be UTF-8.
         notifier.status("bus lost:\nREADY=1 \udcff")

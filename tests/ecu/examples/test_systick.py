@@ -40,9 +40,7 @@ def emulated(image: Path, shift: int) -> tuple[int, list[bytes], dict[str, int]]
     command = [QEMU, "-M", "mps2-an500", "-nographic", "-monitor", "none", "-serial", "none"]
     command += ["-icount", f"shift={shift},sleep=off", "-semihosting-config", "enable=on,target=native"]
     command += ["-kernel", str(image)]
-    done = subprocess.run(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=300, check=False
-    )
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=300)
     assert "unexpected" not in done.stdout
     commands = [bytes.fromhex(data) for data in re.findall(r"^command (\w+)$", done.stdout, flags=re.MULTILINE)]
     figures = re.findall(r"^(?!command)(\w+) (\d+)$", done.stdout, flags=re.MULTILINE)
@@ -72,14 +70,10 @@ def test_under_systick_the_period_is_kept_and_the_jets_are_driven(image, built_f
         assert command.pressure_counter == (period % counters if period > 0 else None)
     assert receiver.state.stream is StreamState.VALID
     last = messages.command.parse(data[-1])
-    assert last is not None
-    assert last.flow_m2_per_s != 0
+    assert last is not None and last.flow_m2_per_s != 0
 
 
 def test_a_core_too_slow_for_the_period_is_noticed(image):
     """1 us an instruction: SysTick begins the next period before a step is done."""
     status, _, figures = emulated(image, shift=10)
-    assert status != 0
-    assert figures["left_out"] > 0
-    assert figures["overruns"] > 0
-    assert figures["longest_us"] > 20_000
+    assert status != 0 and figures["left_out"] > 0 and figures["overruns"] > 0 and figures["longest_us"] > 20_000

@@ -18,6 +18,9 @@ def test_independent_clients_reach_it(tmp_path, addressed, frames):
     provision(tmp_path, image("one"))
     rig = Rig(tmp_path, Config(bus=BusConfig(frames=frames, diagnosis=ids)))
 
+    def frame(to: tuple[int, bool], data: bytes) -> Frame:
+        return Frame(frame_id=to[0], is_extended=to[1], data=data.ljust(8), is_fd=frames == "fd")
+
     def exchange(to_ecu: list[Frame]) -> list[Frame]:
         rig.extra, rig.sent = to_ecu, []
         rig.millisecond()
@@ -25,15 +28,11 @@ def test_independent_clients_reach_it(tmp_path, addressed, frames):
 
     tester = IndependentTester(exchange, physical, functional, is_fd=frames == "fd")
     converse(tester, b"42")
-    number, is_extended = ids.functional
-    is_fd = frames == "fd"
-    keeps_whole(tester, Frame(frame_id=number, is_extended=is_extended, data=b"\x02\x3e\x00".ljust(8), is_fd=is_fd))
-    number, is_extended = ids.xcp_command
-    connect = Frame(frame_id=number, is_extended=is_extended, data=b"\xff\x00".ljust(8), is_fd=is_fd)
-    (connected,) = [one for one in exchange([connect]) if one.identifier == ids.xcp_response]
+    keeps_whole(tester, frame(ids.functional, b"\x02\x3e\x00"))
+    answers = exchange([frame(ids.xcp_command, b"\xff\x00")])
+    (connected,) = [one for one in answers if one.identifier == ids.xcp_response]
     assert connected.data[:1] == b"\xff"
     # Neither the other length nor the usual identifier is its own.
     number, is_extended = ids.request
     for other in ((number & 0x7FF, not is_extended), (0x7E0, False), (0x7D0, False)):
-        asked = Frame(frame_id=other[0], is_extended=other[1], data=b"\x02\x3e\x00".ljust(8), is_fd=is_fd)
-        assert [one for one in exchange([asked]) if one.identifier in ids.names] == []
+        assert [one for one in exchange([frame(other, b"\x02\x3e\x00")]) if one.identifier in ids.names] == []

@@ -183,10 +183,8 @@ def test_silence_is_for_a_bench_and_never_for_jets_that_can_run(rig):
     assert [(c.mode, c.enable, c.flow_m2_per_s) for c in rig.commands[driven:]] == [(Mode.OFF, False, 0.0)]
 
 
-def test_a_controller_that_fails_again_is_entered_again(tmp_path, monkeypatch):
+def test_a_controller_that_fails_again_is_entered_again(rig, monkeypatch):
     """Its fault ends and begins in one period, in which the request rises."""
-    provision(tmp_path / "ecu", image("first"))
-    rig = Rig(tmp_path / "ecu", UNCHECKED)
     rig.into_control()
     monkeypatch.delattr(RecordingController, "control_step")
     internal = CODES[Reason.INTERNAL].to_bytes(3, "big")

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from can_bridge.calibration.segment import ADDRESS
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import MediumError
+from can_bridge.flashing.state import Level
 from can_bridge.flashing.store import Store
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
@@ -22,7 +22,6 @@ VALUES = struct.Struct("<10fI")
 READ, READ_STORED = b"\x22\xfd\x10", b"\x22\xfd\x12"
 WRITE, STORE, DROP = b"\x2e\xfd\x10", b"\x2e\xfd\x12\x01", b"\x2e\xfd\x12\x00"
 XCP_STORE, STORED_EVENT = b"\xf9\x01\x00\x00", b"\xfd\x03"
-OFFSETS = {name: 4 * index for index, name in enumerate(CALIBRATION_NAMES)}
 LIMIT = 0.075
 
 
@@ -52,11 +51,7 @@ def actions(rig: Rig, since: int = 0) -> list[float]:
     return [abs(command.flow_m2_per_s) / scale for command in rig.commands[since:]]
 
 
-# XCP.
-
-
 def packets(rig: Rig) -> list[bytes]:
-    """To the tool, so far."""
     return [frame.data for frame in rig.sent if frame.frame_id == XCP_RESPONSE_ID]
 
 
@@ -81,12 +76,8 @@ def connect(rig: Rig) -> None:
         good_xcp(rig, bytes([0xF7, len(key) - begin]) + key[begin : begin + 6])
 
 
-def place(name: str) -> bytes:
-    return (ADDRESS + OFFSETS[name]).to_bytes(4, "little")
-
-
 def write_xcp(rig: Rig, name: str, value: float) -> bytes:
-    good_xcp(rig, b"\xf6\x00\x00\x00" + place(name))
+    good_xcp(rig, b"\xf6\x00\x00\x00" + (ADDRESS + 4 * CALIBRATION_NAMES.index(name)).to_bytes(4, "little"))
     return ask_xcp(rig, b"\xf0\x04" + struct.pack("<f", value))
 
 
@@ -102,7 +93,6 @@ def test_the_jets_keep_a_narrower_limit_from_the_next_period_on(rig: Rig) -> Non
     assert changed[-1] == pytest.approx(LIMIT / 2, rel=1e-3) and changed[-1] <= LIMIT / 2
     rig.good(DROP)
     rig.run(100)
-    # By a tool the same.
     connect(rig)
     assert write_xcp(rig, "action_limit", LIMIT / 3) == b"\xff"
     rig.run(200)

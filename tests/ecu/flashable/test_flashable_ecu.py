@@ -30,9 +30,7 @@ def test_without_a_release_it_reports_that_and_one_is_written_tried_and_confirme
     provision(tmp_path / "ecu", None)
     rig = Rig(tmp_path / "ecu")
     rig.programming()
-    assert rig.ask(SELF_TEST)[2] == 0x22
-    assert rig.ask(CONFIRM_ROUTINE)[2] == 0x24
-    assert rig.ask(b"\x22\xfd\x10")[2] == 0x31
+    assert [rig.ask(one)[2] for one in (SELF_TEST, CONFIRM_ROUTINE, b"\x22\xfd\x10")] == [0x22, 0x24, 0x31]
     rig.run_asking(True, 100)
     last = rig.statuses[-1]
     assert (last.state, last.reason, last.bundle_hash) == (Mode.FAULT, Reason.NO_RELEASE, 0)
@@ -90,9 +88,8 @@ def test_the_end_of_the_session_leads_back_to_the_release_before(rig: Rig, end: 
         rig.run(S3_MS - 100)
         assert rig.ecu.resets == 0
         rig.run(200)
-    assert rig.ecu.resets == 1
-    assert rig.ecu.cycle.boot.bundle is not None
-    assert rig.ecu.cycle.boot.bundle.name == "first"
+    bundle = rig.ecu.cycle.boot.bundle
+    assert rig.ecu.resets == 1 and bundle is not None and bundle.name == "first"
     assert rig.statuses[-1].reason is not Reason.UPDATING
     rig.programming()
     assert 0 < rig.announce(second) <= received
@@ -114,14 +111,10 @@ def test_with_a_key_no_freshness_comes_or_is_taken_twice_over_resets_and_release
     assert [one.freshness for one in (rig.ecu.state.verifier, rig.ecu.state.speed.verifier)] == heard
     assert min(heard) > 0
     spec = JET_COMMAND_SECURED
-    values = [
-        int.from_bytes(frame.data[spec.protected : spec.protected + FRESHNESS_LENGTH], "big")
-        for frame in rig.sent
-        if spec.names(frame)
-    ]
-    assert rig.ecu.resets == 2
+    secured = [frame.data[spec.protected :] for frame in rig.sent if spec.names(frame)]
+    values = [int.from_bytes(one[:FRESHNESS_LENGTH], "big") for one in secured]
+    assert (rig.ecu.resets, values[0]) == (2, 7 << 32)
     assert values == list(range(values[0], values[0] + len(values)))
-    assert values[0] == 7 << 32
 
 
 def test_a_reset_leaves_nothing_behind_where_the_collector_is_off(rig: Rig) -> None:

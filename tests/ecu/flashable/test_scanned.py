@@ -1,7 +1,4 @@
-"""The scanners of scapy against the ECU, frame by frame: they find the service table, and disturb nothing.
-
-caringcaribou, the other well-known scanner, is no package of the index.
-"""
+"""The scanners of scapy against the ECU, frame by frame: they find the service table, and disturb nothing."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -104,7 +101,6 @@ def asked(bus: EcuSocket, enumerator: Any, session: Session = Session.DEFAULT, *
 
 
 def refused(answers: dict[bytes, bytes], *codes: Nrc) -> set[bytes]:
-    """Requests that were refused with one of these codes."""
     return {request for request, answer in answers.items() if answer[0] == 0x7F and answer[2] in codes}
 
 

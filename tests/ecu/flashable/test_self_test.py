@@ -17,10 +17,7 @@ from ecu.flashable.vehicle_fit import VehicleFit, self_test
 from tests.ecu.conftest import Answering, RecordingController, answer_of
 from tests.ecu.flashable.vehicle_ecu import CONFIRM_ROUTINE, REVERT, SELF_TEST, Rig, image, provision, shipped
 
-LIMIT = shipped().manifest.action_limit
-
-
-HORIZON = shipped().manifest.mpc.horizon
+LIMIT, HORIZON = shipped().manifest.action_limit, shipped().manifest.mpc.horizon
 FAILING = Answering(ControllerError("no answer"))
 
 
@@ -53,13 +50,11 @@ def test_a_release_that_fails_it_is_logged_and_can_be_given_up(tmp_path: Path) -
     rig.good(SELF_TEST)
     rig.start(image("second"))
     rig.programming()
-    assert rig.ask(SELF_TEST)[2] == 0x72
-    assert rig.log.names()[-1] == "self_test_failed"
+    assert (rig.ask(SELF_TEST)[2], rig.log.names()[-1]) == (0x72, "self_test_failed")
     assert rig.ask(CONFIRM_ROUTINE)[2] == 0x24
     rig.good(REVERT)
     rig.reset()
-    assert rig.ecu.cycle.boot.bundle is not None
-    assert rig.ecu.cycle.boot.bundle.name == "first"
+    assert rig.ecu.cycle.boot.bundle is not None and rig.ecu.cycle.boot.bundle.name == "first"
 
 
 @pytest.mark.slow

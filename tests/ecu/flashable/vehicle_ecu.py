@@ -28,7 +28,6 @@ from ecu.flashable.equipment import Equipment
 from ecu.flashable.flashable_ecu import FlashableEcu
 from ecu.flashable.links import isotp_settings
 from tests.can_bridge.flashing import releases
-from tests.can_bridge.flashing.releases import RELEASE, ROOT
 from tests.can_bridge.flashing.store_ecu import KEY, FlashingSteps
 from tests.ecu.conftest import ByHand, RecordingController
 
@@ -46,7 +45,7 @@ def shipped() -> Bundle:
 
 
 @cache
-def image(name: str, security_version: int = 1, key: Ed25519PrivateKey = RELEASE, **changes: Any) -> bytes:
+def image(name: str, security_version: int = 1, key: Ed25519PrivateKey = releases.RELEASE, **changes: Any) -> bytes:
     """The shipped release under another name, signed by another key."""
     manifest = replace(shipped().manifest, name=name, security_version=security_version, **changes)
     return image_of(bundles.pack(manifest, shipped().files, key))
@@ -71,7 +70,7 @@ class Rig(FlashingSteps):
         self.config = Config() if config is None else config
         self.log = Log()
         self.equipment = Equipment(
-            root=signing.public_key(ROOT),
+            root=signing.public_key(releases.ROOT),
             access=KEY,
             random_bytes=Random(1).randbytes,
             hardware="bench",
@@ -81,8 +80,7 @@ class Rig(FlashingSteps):
             log=self.log,
         )
         self.folder, self.others = folder, others
-        self.now_ns = MS
-        self.due_ns = self.now_ns
+        self.now_ns = self.due_ns = MS
         self.vehicle = ByHand(self.config, others.get("authentication"))
         self.tester = Endpoint(isotp_settings(self.config.bus, is_tester=True))
         self.request: bool | None = None

@@ -32,7 +32,6 @@ from tests.ecu.conftest import ByHand
 CONFIG = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))
 WINDOW = 4
 MODEL = ModelConfig(window=WINDOW, latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
-LIMITS = {"rms_action_error": 0.05, "max_cost_gap": 1.0}
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ def exported(root: Path) -> Exported:
     windows = [rows[i : i + WINDOW] for i in range(20)]
     lowered = lower(rounded_on(program, windows), calibration=windows, with_library=True)
     compiled = partial(CController, flags=("-O1", "-ffp-contract=off"))  # as the known answer is
-    gated = gate(lowered, windows[:4], LIMITS, compiled=compiled)
+    gated = gate(lowered, windows[:4], {"rms_action_error": 0.05, "max_cost_gap": 1.0}, compiled=compiled)
     write_random(root / "bundle", gated)
     bundle = bundles.load(root / "bundle")
     ecu = firmware_sources() | {ECU_SETTINGS: ecu_settings(bundle, CONFIG)}

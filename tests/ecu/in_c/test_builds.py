@@ -13,38 +13,12 @@ import pytest
 pytestmark = [pytest.mark.slow, pytest.mark.compiler]
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "how-to" / "integrate-the-ecu.md"
-SCHEMA = Path(__file__).with_name("files") / "PACK.xsd.xz"
-"""Of Open-CMSIS-Pack, 1.7.60; its head has its licence, Apache-2.0."""
+FILES = Path(__file__).with_name("files")
+"""`PACK.xsd.xz` is Open-CMSIS-Pack's, 1.7.60; its head has its licence, Apache-2.0."""
 NEEDS_CMAKE = pytest.mark.skipif(shutil.which("cmake") is None, reason="cmake is not installed")
 STARTED = "reason 0, 2 frames\n"
 MODULE = {"name": str, "build": {"cmake": str, "kconfig": str}}
 """Those keys of `METADATA_SCHEMA` in Zephyr's scripts/zephyr_module.py that are used; it allows none but its own."""
-IN_ZEPHYR = """
-cmake_minimum_required(VERSION 3.16)
-project(zephyr LANGUAGES C)
-set(CONFIG_STILLWAKE y)
-set(CONFIG_STILLWAKE_ECU y)
-set(CONFIG_STILLWAKE_KNOWN_ANSWER y)
-function(zephyr_library_named name)
-  add_library(${name} STATIC)
-endfunction()
-function(zephyr_library_sources)
-  target_sources(stillwake PRIVATE ${ARGN})
-endfunction()
-function(zephyr_library_compile_options)
-  target_compile_options(stillwake PRIVATE ${ARGN})
-endfunction()
-function(zephyr_library_compile_definitions)
-  target_compile_definitions(stillwake PRIVATE ${ARGN})
-endfunction()
-function(zephyr_include_directories)
-  target_include_directories(stillwake PUBLIC ${ARGN})
-endfunction()
-add_subdirectory(ecu_c/zephyr zephyr)
-add_executable(vehicle main.c)
-target_link_libraries(vehicle stillwake)
-"""
-"""Zephyr's functions for libraries, by what its documentation says they do."""
 
 
 def ran(folder: Path, *command: str) -> str:
@@ -115,7 +89,7 @@ def test_it_is_a_module_of_zephyr(project):
             for name, value in module.items()} == MODULE  # fmt: skip
     assert (folder / module["build"]["cmake"] / "CMakeLists.txt").is_file()
     assert (folder / module["build"]["kconfig"]).is_file()
-    (project / "CMakeLists.txt").write_text(IN_ZEPHYR)
+    shutil.copy(FILES / "in_zephyr.cmake", project / "CMakeLists.txt")
     ran(project, "cmake", "-B", "build")
     ran(project, "cmake", "--build", "build")
     assert ran(project, "./build/vehicle") == STARTED
@@ -152,7 +126,7 @@ def test_the_pack_is_as_its_schema_has_it_and_names_every_file(release):
     etree = pytest.importorskip("lxml.etree", reason="lxml is not installed")
     (description,) = release.folder.glob("*.pdsc")
     found = etree.parse(str(description))
-    schema = etree.XMLSchema(etree.fromstring(lzma.decompress(SCHEMA.read_bytes())))
+    schema = etree.XMLSchema(etree.fromstring(lzma.decompress((FILES / "PACK.xsd.xz").read_bytes())))
     assert schema.validate(found), schema.error_log
     assert description.stem == ".".join(found.findtext(name) for name in ("vendor", "name"))
     files = {each.get("name"): each.get("category") for each in found.iter("file")}

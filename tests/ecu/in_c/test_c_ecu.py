@@ -74,11 +74,9 @@ def test_it_answers_and_remembers_what_the_ecu_in_python_does(c, python, sources
         assert c.trace.interventions == python.trace.interventions
         assert (c.trace.forces is None) == (python.trace.forces is None)
         assert c.status() == python.status()
-        assert c.frames_rejected == python.frames_rejected
         modes.add(c.trace.mode)
         assert period < INTO_CONTROL or period >= 24 or abs(c.trace.action) > 0.0
-    assert {Mode.OFF, Mode.WARMUP, Mode.CONTROL, Mode.HOLD, Mode.FAULT} <= modes
-    assert c.trace.mode is Mode.OFF
+    assert {Mode.OFF, Mode.WARMUP, Mode.CONTROL, Mode.HOLD, Mode.FAULT} <= modes and c.trace.mode is Mode.OFF
 
 
 @each(
@@ -125,13 +123,12 @@ def test_it_is_calibrated_while_it_runs_as_in_python(c, python):
     assert c.saved() == before
 
 
-SPEEDS = SpeedRange(slowest=0.8, fastest=1.2)
 AT_SPEEDS = [1.0 + 0.03 * k for k in (*range(13), *range(12, -14, -1), *range(-13, 0))] + [None] * 30
 
 
 def test_a_release_that_serves_speeds_does_as_well(release):
     """Out of the range and back at both ends, from a saved state, and until no speed is known."""
-    serving = release.serving(SPEEDS)
+    serving = release.serving(SpeedRange(slowest=0.8, fastest=1.2))
     own = ecu_sources(serving.folder, serving.bundle, CONFIG)
     python, c, reasons = in_python(serving, own), CEcu(own, flags=FLAGS), set()
     for period, (now_ns, frames) in enumerate(Feed().driven(AT_SPEEDS)):
@@ -206,19 +203,18 @@ def test_answers_may_be_written_over_what_came_and_nothing_may_have_come(c, pyth
     assert c.trace.mode is Mode.CONTROL
 
 
-X86 = platform.machine() == "x86_64"
 MODE = b"#include <xmmintrin.h>\nvoid set_mode(unsigned mode); void set_mode(unsigned mode) { _mm_setcsr(mode); }\n"
 PLAIN, SMALL_AS_ZERO, ROUNDING_UP = 0x1F80, 0x9FC0, 0x5F80
 """Modes of an x86 processor, for a thread."""
 
 
-@pytest.mark.skipif(not X86, reason="modes of an x86 processor")
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="modes of an x86 processor")
 @each("mode", [SMALL_AS_ZERO, ROUNDING_UP])
-def test_a_mode_of_the_processor_that_another_library_sets_shuts_the_jets(release, sources, tmp_path, mode):
+def test_a_mode_of_the_processor_that_another_library_sets_shuts_the_jets(release, sources, mode):
     """As a library linked with -ffast-math does. The control step answers with no plan, and neither is opened."""
-    library = tmp_path / f"{mode}.so"
-    c = CEcu({**sources, "mode.c": MODE}, flags=FLAGS, library=library)
-    set_mode, periods = ctypes.CDLL(str(library)).set_mode, Feed().periods(INTO_CONTROL + 8)
+    c = CEcu({**sources, "mode.c": MODE}, flags=FLAGS)
+    c.structs.ffi.cdef("void set_mode(unsigned mode);")
+    set_mode, periods = c.lib.set_mode, Feed().periods(INTO_CONTROL + 8)
     controller = CController(library_sources(sources), release.bundle.manifest.sizes, flags=FLAGS)
     inputs = np.zeros((WINDOW, 5)), np.zeros(8), np.ones(8)
     modes = []

@@ -18,10 +18,8 @@ def test_what_the_wire_cannot_carry_is_limited_or_unknown(frames):
     config = Config(bus=BusConfig(frames=frames), operating_point=OperatingPoint(speed=350.0))
     messages = message_set(config.bus)
     table = played_pressures(np.array([[1e6, -1e6, 0.0, 0.0, 0.0]]), config).decode()
-    played = [
-        bytes(int(byte, 16) for byte in line.split(", "))
-        for line in re.findall(r"^    \{(.*?)\}", table, flags=re.MULTILINE)
-    ]
+    lines = re.findall(r"^    \{(.*?)\}", table, flags=re.MULTILINE)
+    played = [bytes(int(byte, 16) for byte in line.split(", ")) for line in lines]
     pressure, limit = messages.pressure.parse(played[0]), messages.pressure_limit_pa
     assert pressure is not None
     np.testing.assert_allclose(pressure.pressure_pa, [limit, -limit, 0, 0])

@@ -11,16 +11,8 @@ import pytest
 
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
+from contract.controller import image_payload as payloads
 from contract.controller.c_folder import ECU_SETTINGS, ProgramSettings, library_sources
-from contract.controller.image_payload import (
-    Limits,
-    arrays_in,
-    check_numbers,
-    layout_in,
-    limits_in,
-    members_in,
-    with_layout,
-)
 from contract.errors import BundleContainerError, LibraryError
 from contract.release.bundle import load
 from contract.release.controller_image import HEADER_BYTES, read
@@ -46,10 +38,7 @@ pytestmark = pytest.mark.compiler
 KINDS = ["int8", pytest.param("float32", marks=pytest.mark.proofs)]
 
 SHIM = Path(__file__).with_name("c").joinpath("from_image.c").read_bytes()
-DECLARED = "int start(sw_ecu *, const uint8_t *); void places(const sw_ecu *, const void **);"
 WINDOW = 8  # the shortest with a sensor estimator in C; the jets stay shut until it is full
-PERIODS = WINDOW + 12
-FEW_PERIODS = WINDOW + 3  # into control, too
 OK, OTHER_BUILD, MISALIGNED = range(3)
 
 
@@ -74,13 +63,13 @@ def made(kind: str, seed: int, prior_memory: int = 0):
     if kind == "int8":
         network = rounded_estimator(random_network(seed, rows=WINDOW))
         files |= estimator_files(build_estimator(network).SerializeToString())
-    return with_layout(files), bundle, config
+    return payloads.with_layout(files), bundle, config
 
 
 class Stepped(CEcu):
     def __init__(self, files):
         super().__init__({**files, "shim.c": SHIM}, flags=("-O0", "-ffp-contract=off"))
-        self.structs.ffi.cdef(DECLARED)
+        self.structs.ffi.cdef("int start(sw_ecu *, const uint8_t *); void places(const sw_ecu *, const void **);")
 
     def start(self, image: bytes, apart: int = 0) -> int:
         ffi = self.structs.ffi
@@ -98,7 +87,7 @@ class Stepped(CEcu):
     def lived(self, config: Config):
         """Frames and states of some periods into control."""
         feed, found = Feed(config), []
-        for now_ns, frames in feed.driven([1.0] * PERIODS):
+        for now_ns, frames in feed.driven([1.0] * (WINDOW + 12)):
             found.append((self.step(now_ns, frames), self.saved(), self.trace.action, self.trace.mode))
         return found
 
@@ -109,7 +98,7 @@ def test_an_image_is_what_the_compiler_makes_and_runs_in_any_build_of_its_layout
     one, two = Stepped(files), Stepped(others)
     images = [controller_image(files, bundle, config, None), controller_image(others, other, config, None)]
     payload, facts = read(images[1]).payload, read(images[1]).facts
-    layout = layout_in(payload, facts.layout)
+    layout = payloads.layout_in(payload, facts.layout)
     sizes = [int(layout.get(f"SW_{name}_BYTES", 0)) for name in ("RELEASE", "WEIGHTS", "HOT", "ESTIMATOR")]
     assert [size > 0 for size in sizes] == [True, True, kind == "int8", kind == "int8"]
     compiled_in, lived = two.numbers(sizes), two.lived(config)
@@ -129,13 +118,13 @@ def test_an_image_is_what_the_compiler_makes_and_runs_in_any_build_of_its_layout
     wrong[8:12] = (HEADER_BYTES + 64).to_bytes(4, "little")
     assert one.start(bytes(wrong)) == OTHER_BUILD
     # Tools read the same numbers by their names.
-    arrays = arrays_in(payload, layout)
+    arrays = payloads.arrays_in(payload, layout)
     np.testing.assert_array_equal(arrays["release.bundle_hash"], [other.short_hash])
     weights = np.array(other.manifest.mpc.weights.as_tuple(), np.float32)
     np.testing.assert_array_equal(arrays["release.weights"], weights)
     assert {values.dtype.kind for name, values in arrays.items() if name.endswith("_rows")} <= {"i"}
     with pytest.raises(BundleContainerError, match="its layout text"):
-        layout_in(payload[:-1], facts.layout)
+        payloads.layout_in(payload[:-1], facts.layout)
     with pytest.raises(LibraryError, match="does not belong to the program of bundle"):
         controller_image(others, bundle, config, None)
     with pytest.raises(LibraryError, match="no ECU in C"):
@@ -148,8 +137,7 @@ SANITISERS = (
 )
 OPENED = Path(__file__).with_name("c").joinpath("opened_images.c").read_bytes()
 BAD_NUMBERS = 3
-TOGETHER = 8
-"""Arrays at their limits in one image."""
+TOGETHER = 8  # arrays at their limits in one image
 REFUSED = (
     *(("weights.prior_filter_rows", values) for values in ((140, 1), (3, 2), (-1, 1), (0, 3))),
     *(("release.resting", values) for values in ((1.0, -0.5, 0.5), (np.nan, -0.5, 0.5), (1.0, np.nan, 0.5))),
@@ -170,12 +158,12 @@ class Altered:
         self.image = controller_image(files, bundle, config, None)
         found = read(self.image)
         self._payload, self._layout = found.payload, found.facts.layout
-        layout = layout_in(self._payload, self._layout)
-        self.limits = list(limits_in(members_in(layout), layout))
+        layout = payloads.layout_in(self._payload, self._layout)
+        self.limits = list(payloads.limits_in(payloads.members_in(layout), layout))
         self._program = folder / "opened"
         sources = {**library_sources(files), "opened_images.c": OPENED}
         builds.compile_c(sources, self._program, compiler=host_compiler(), flags=SANITISERS)
-        periods = list(Feed(config).driven([1.0] * FEW_PERIODS))
+        periods = list(Feed(config).driven([1.0] * (WINDOW + 3)))  # into control, too
         self._periods = number(len(periods))
         for now_ns, frames in periods:
             self._periods += struct.pack("<qI", now_ns, len(frames))
@@ -198,17 +186,17 @@ class Altered:
         for place, content in patch.items():
             payload[place : place + len(content)] = content
         try:
-            check_numbers(bytes(payload), self._layout)
+            payloads.check_numbers(bytes(payload), self._layout)
         except BundleContainerError:
             return BAD_NUMBERS
         return OK
 
 
-def packed(one: Limits, value: float, count: int = 1) -> bytes:
+def packed(one: payloads.Limits, value: float, count: int = 1) -> bytes:
     return np.full(count, value).astype(np.dtype(one.dtype).newbyteorder("<")).tobytes()
 
 
-def beyond(one: Limits) -> list[float]:
+def beyond(one: payloads.Limits) -> list[float]:
     """Numbers near the limits, on both sides, and then what is none, without end, or no normal one."""
     near, dtype = (one.least - 1, one.least, one.most, one.most + 1), np.dtype(one.dtype)
     if dtype.kind == "f":
@@ -232,9 +220,8 @@ def test_no_number_of_an_image_leads_out_of_an_array(kind, tmp_path, shared_buil
     assert {status for status, _ in found} == {OK, BAD_NUMBERS}
     assert [status for status, _ in found] == [altered.in_python(patch) for patch in patches]
     # Whole arrays at their limits, each at either end among others at theirs: none is refused, and all can be run.
-    free = [
-        one for one in altered.limits if not any(name in one.name for name in ("filter_rows", "resting", "slowest"))
-    ]
+    bound = ("filter_rows", "resting", "slowest")
+    free = [one for one in altered.limits if not any(name in one.name for name in bound)]
     at_most, whole = {one.place: random.random() < 0.5 for one in free}, list[dict[int, bytes]]()
     for turned in (False, True):
         random.shuffle(free)

@@ -9,12 +9,6 @@ from contract.errors import LibraryError
 from ecu.in_c.compiler import compile_c, compiler_version, host_compiler, zig_compiler
 
 
-@pytest.fixture
-def compiler(monkeypatch) -> list[str]:
-    monkeypatch.delenv("CC", raising=False)
-    return host_compiler()
-
-
 def test_the_environment_comes_first_and_without_any_the_error_names_the_remedy(monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name: None)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
@@ -25,7 +19,9 @@ def test_the_environment_comes_first_and_without_any_the_error_names_the_remedy(
         host_compiler()
 
 
-def test_a_complaint_is_quoted_and_a_compiler_that_is_missing_is_named(tmp_path, compiler):
+def test_a_complaint_is_quoted_and_a_compiler_that_is_missing_is_named(tmp_path, monkeypatch):
+    monkeypatch.delenv("CC", raising=False)
+    compiler = host_compiler()
     assert compiler_version(compiler)
     with pytest.raises(LibraryError, match="error"):
         compile_c({"a.c": b"int main(void) { return x; }"}, tmp_path / "a", compiler=compiler, flags=())

@@ -54,8 +54,7 @@ Estimate = Callable[..., np.ndarray]
 
 
 def graph(of=NETWORK) -> bytes:
-    content: bytes = build_estimator(rounded_estimator(of)).SerializeToString()
-    return content
+    return build_estimator(rounded_estimator(of)).SerializeToString()
 
 
 @pytest.fixture(scope="module")
@@ -148,12 +147,9 @@ def test_where_all_hidden_activations_are_0_the_estimate_is_the_biases(in_c):
     # Networks that the sources cannot run are refused.
     first, second, last = NETWORK.layers
     narrower = (second[0][:40], second[1][:40])
+    unequal = [[first, narrower, (last[0][:, :40], last[1])], [first, last]]
     for other, message in (
-        (
-            replace(NETWORK, layers=[first, narrower, (last[0][:, :40], last[1])]),
-            "must have two hidden layers of equal width",
-        ),
-        (replace(NETWORK, layers=[first, last]), "must have two hidden layers of equal width"),
+        *((replace(NETWORK, layers=layers), "must have two hidden layers of equal width") for layers in unequal),
         (random_network(width=63), f"{ESTIMATOR}: its hidden layers are 63 long: the C library accepts"),
         (random_network(width=520), "a layer has 520 inputs; the C library accepts at most"),
     ):

@@ -70,5 +70,4 @@ def test_an_arrival_is_expected_after_enough_have_been_seen_and_a_few_late_frame
     for number in range(REMEMBERED):
         assert arrivals.expected_ns is None
         arrivals = arrivals.seen(number * PERIOD + (9_000_000 if number % 3 == 0 else 0))
-    assert arrivals.expected_ns is not None
-    assert arrivals.expected_ns % PERIOD == 0
+    assert arrivals.expected_ns is not None and arrivals.expected_ns % PERIOD == 0

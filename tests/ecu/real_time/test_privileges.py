@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from ecu.real_time import privileges
 from ecu.real_time.privileges import Privilege, Wanted, in_words, step_back, taken
 from tests.each import each
 
@@ -32,13 +31,10 @@ def test_what_is_reported_as_granted_is_and_all_is_given_back():
     with taken(Wanted(priority=10)) as held:
         granted = {item.what: not item.refused_because for item in held}
         assert set(granted) == {"timer slack 1 ns", "no garbage collection", "memory locked", "SCHED_FIFO 10"}
-        assert granted["no garbage collection"]
-        assert not gc.isenabled()
-        assert gc.get_freeze_count() > 0
+        assert granted["no garbage collection"] and not gc.isenabled() and gc.get_freeze_count() > 0
         assert granted["SCHED_FIFO 10"] == (os.sched_getscheduler(0) == os.SCHED_FIFO)
         assert granted["memory locked"] == (locked_kib() > 0)
-    assert locked_kib() == 0
-    assert state() == before
+    assert (locked_kib(), state()) == (0, before)
 
 
 @each("priority", [0, 5])
@@ -77,7 +73,7 @@ def test_under_a_limit_what_comes_later_is_not_locked(monkeypatch):
         calls.append((name, *arguments))
         return 0
 
-    monkeypatch.setattr(privileges, "_call", call)
+    monkeypatch.setattr("ecu.real_time.privileges._call", call)
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     monkeypatch.setattr(resource, "getrlimit", lambda which: (8 << 20, 8 << 20))
     with taken(Wanted(priority=0, without_collector=False)):

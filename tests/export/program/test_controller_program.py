@@ -1,7 +1,5 @@
-"""The gates a model passes to become a program: each refusal names the tensor or value at fault.
-
-From what training writes to a program: the networks arrive unchanged, and windows are cut at the right places.
-"""
+"""From what training writes to a program: each refusal names the tensor or value at fault, the networks arrive
+unchanged, and windows are cut at the right places."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -74,7 +72,6 @@ def test_every_tensor_is_needed_and_checked():
     assert program.encoder.hidden.weight.dtype == np.float64
     with pytest.raises(ValueError, match="read-only"):
         program.dynamics.output.bias[0] = 2.0
-    # Every tensor is needed and checked.
     assert program.window == 6
     for network in ("encoder", "dynamics", "decoder", "prior"):
         for name, tensor in parts()[network].items():

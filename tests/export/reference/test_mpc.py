@@ -1,10 +1,5 @@
-"""Properties of the control step that hold whatever the networks are.
-
-Many at once = one after the other, whatever the leading axes. A matrix product of many rows adds up in another order
-than that of one. In double precision, at these widths, that is 1e-15 a product and 1e-13 after a roll-out.
-
-The prior's plan, and what the iterations make of it: nothing at a goal that it knows, the rest of one beyond.
-"""
+"""Properties of the control step that hold whatever the networks are (tests/parity has the bounds of the actions). The
+prior's plan, and what the iterations make of it: nothing at a goal that it knows, the rest of one beyond."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,18 +22,9 @@ from contract.runtime.onnx_session import OnnxController
 from examples.random_programs import random_program
 from export.program.controller_program import ControllerProgram, random_window, random_windows
 from export.program.weights import PriorWeights
+from export.reference import mpc as reference
 from export.reference.model import encode, encoder_layers, layer_norm
-from export.reference.mpc import (
-    control_step,
-    cost_terms,
-    evaluate,
-    gradient,
-    optimise,
-    predict,
-    rollout,
-    shift,
-    starting_plan,
-)
+from export.reference.mpc import control_step, cost_terms, evaluate, gradient, optimise, predict, starting_plan
 from export.reference.prior import prior_plan
 from export.to_onnx.control_step import build_controller
 from tests.each import each
@@ -46,25 +32,10 @@ from tests.examples import examples
 
 SMALL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
 HORIZON = 6
-actions = st.lists(st.floats(-0.075, 0.075), min_size=HORIZON, max_size=HORIZON).map(np.array)
-masks = st.lists(st.sampled_from([0.0, 1.0]), min_size=HORIZON, max_size=HORIZON).map(np.array)
 
 
-def small(seed: int = 0, prior_memory: int = 0, **mpc: Any) -> ControllerProgram:
-    return random_program(seed, model=SMALL, mpc=MpcConfig(horizon=HORIZON, **mpc), prior_memory=prior_memory)
-
-
-def a_window(program: ControllerProgram, seed: int = 0) -> np.ndarray:
-    return random_window(program, np.random.default_rng(seed))
-
-
-@examples(30)
-@given(plan=actions, free=masks, rate=st.floats(1e-4, 0.2), seed=st.integers(0, 5), limit=st.floats(0.003, 0.2))
-def test_actions_stay_in_bounds_and_committed_ones_stay_put(plan, free, rate, seed, limit):
-    program = small(seed, iterations=3, learning_rate=rate, prior_memory=24 * (seed % 2))
-    found = control_step(program, a_window(program, seed), plan, free, None, 1.0, limit).plan
-    assert np.abs(found * free).max() <= min(limit, program.action_limit)
-    np.testing.assert_array_equal(found[free == 0], shift(plan)[free == 0])
+def small(seed: int = 0, **mpc: Any) -> ControllerProgram:
+    return random_program(seed, model=SMALL, mpc=MpcConfig(horizon=HORIZON, **mpc))
 
 
 @pytest.mark.slow
@@ -72,7 +43,7 @@ def test_many_iterations_reach_the_optimum_of_an_independent_optimiser():
     """On smooth terms, against SciPy's L-BFGS-B with numerical gradients of the cost alone."""
     goal = CostWeights(drag_fluctuation=0.0, lift=0.0, lift_mean=0.3, smoothness=4.0, effort=0.5, rate=1.0)
     program = small(iterations=400, learning_rate=2e-3, weights=goal)
-    z, weights = encode(program, a_window(program)), np.array(goal.as_tuple())
+    z, weights = encode(program, random_windows(program, 1)[0]), np.array(goal.as_tuple())
 
     def cost(plan: np.ndarray) -> float:
         return evaluate(program, z, plan, 0.01, weights).cost
@@ -105,26 +76,20 @@ def test_terms_of_a_small_example_by_hand():
     assert named.as_tuple() == tuple(range(8))
 
 
-EVERY_TERM = CostWeights(lift=0.05, lift_mean=0.3, smoothness=4.0, effort=0.5, rate=1.0)
+# A matrix product of many rows adds up in another order than that of one: 1e-15 a product, 1e-13 after a roll-out.
 CLOSE: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-13}
-
-
-def draw(seed: int, shape: tuple[int, ...]):
-    """Latent states, plans and previous actions of this shape."""
-    rng = np.random.default_rng(seed)
-    return (rng.normal(size=(*shape, 3)), rng.uniform(-0.07, 0.07, (*shape, HORIZON)), rng.uniform(-0.05, 0.05, shape))
 
 
 @examples(8)
 @given(shape=array_shapes(min_dims=0, max_dims=3, max_side=3), seed=st.integers(0, 5))
 def test_every_function_acts_on_the_last_axes(shape, seed):
-    program, (z, plan, before) = small(seed, weights=EVERY_TERM), draw(seed, shape)
-    rng = np.random.default_rng(seed)
+    """Many at once are one after the other, whatever the leading axes."""
+    program, rng = small(seed), np.random.default_rng(seed)
+    z, plan = rng.normal(size=(*shape, 3)), rng.uniform(-0.07, 0.07, (*shape, HORIZON))
+    before, weights = rng.uniform(-0.05, 0.05, shape), rng.uniform(0.1, 2.0, 8)
     windows = np.array([random_window(program, rng) for _ in range(int(np.prod(shape)))]).reshape(*shape, 5, -1)
-    weights = rng.uniform(0.1, 2.0, 8)
-
     encoded = encode(program, windows)
-    latents = rollout(program, z, plan)
+    latents = reference.rollout(program, z, plan)
     forces = predict(program, z, plan)
     cost = cost_terms(forces, plan, before, program.mpc.drag_reference) @ weights
     slope = gradient(program, z, plan, before, weights)
@@ -136,7 +101,7 @@ def test_every_function_acts_on_the_last_axes(shape, seed):
     for i in np.ndindex(shape):
         one = (program, z[i], plan[i], float(before[i]))
         np.testing.assert_allclose(encoded[i], encode(program, windows[i]), **CLOSE)
-        np.testing.assert_allclose(latents[i], rollout(*one[:3]), **CLOSE)
+        np.testing.assert_allclose(latents[i], reference.rollout(*one[:3]), **CLOSE)
         np.testing.assert_allclose(forces[i], evaluate(*one, weights).forces, **CLOSE)
         np.testing.assert_allclose(cost[i], evaluate(*one, weights).cost, **CLOSE)
         np.testing.assert_allclose(slope[i], gradient(*one, weights), **CLOSE)

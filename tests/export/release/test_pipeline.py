@@ -1,7 +1,5 @@
-"""From a model of another plant and its recording to a bundle and a C library: both, or nothing on the disk.
-
-Speeds, wakes and estimators of a release are those that were given, and what does not fit is not written.
-"""
+"""From a model of another plant and its recording to a bundle and a C library: both, or nothing on the disk. Speeds,
+wakes and estimators of a release are those that were given."""
 
 import hashlib
 import re
@@ -94,13 +92,8 @@ def export(model, recording, tmp_path, monkeypatch) -> Export:
     monkeypatch.setattr(pipeline, "GATE_WINDOWS", 10)
 
     def run(*, library: bool = False, **changes: Any) -> Gated:
-        arguments: dict[str, Any] = {
-            "precision": "int8",
-            "name": "other-plant",
-            "recording": recording,
-            "config": CONFIG,
-            "created": date(2026, 1, 2),
-        }
+        arguments: dict[str, Any] = {"precision": "int8", "name": "other-plant", "created": date(2026, 1, 2)}
+        arguments |= {"recording": recording, "config": CONFIG}
         if library:
             compiled = partial(CController, flags=("-O0",))
             arguments["library"] = pipeline.CLibrary(folder=tmp_path / "c", compiled=compiled)
@@ -131,14 +124,10 @@ def test_bundle_and_library_are_of_one_program_and_run_on_their_plant_and_on_no_
     assert (manifest.control_period, manifest.action_limit) == (PERIOD, LIMIT)
     assert (manifest.created, manifest.compute_time_ms, manifest.mpc) == ("2026-01-02", 8.0, CONFIG.mpc)
     about = model_folder.read(model)
-    assert manifest.dataset_sha256 == about.description.dataset_sha256
-    assert manifest.weights_sha256 == about.weights_sha256
-    assert manifest.provenance == {
-        "versions": about.description.versions,
-        "metrics": about.description.metrics,
-        "config": about.config_tree,
-        "export": exported,
-    }
+    tree, weights, told = about.config_tree, about.weights_sha256, about.description
+    assert (manifest.dataset_sha256, manifest.weights_sha256) == (told.dataset_sha256, weights)
+    trained = {"versions": told.versions, "metrics": told.metrics, "config": tree}
+    assert manifest.provenance == {**trained, "export": exported}
     BundlePolicy(read, OnnxController.of(read), LAYOUT)
     with pytest.raises(BundleError, match=r"'other-plant' is for another plant: unknown sensor 'x\.y'"):
         BundlePolicy(read, OnnxController.of(read))

@@ -1,11 +1,10 @@
-"""The C library's folder as someone meets it who has nothing else: built by its own rules, and called from C++.
-
-The sample folders, and the sources in place, parsed as editors do: by the flags of `compile_flags.txt`.
-"""
+"""The C library's folder as someone meets it who has nothing else: built by its own rules, called from C++, and parsed
+as editors do, by the flags of `compile_flags.txt`."""
 
 import re
 import shutil
 import subprocess
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
@@ -13,6 +12,8 @@ import pytest
 
 from contract.controller.c_folder import COMPILE_FLAGS, DOCUMENTS, EXPECTED, RECORDED, REPLAY
 from ecu.in_c.compiler import STANDARD, host_compiler, zig_compiler
+from ecu.in_c.host_library import CController
+from examples import c_samples
 
 SOURCES = Path(str(files("export.to_c").joinpath("sources")))
 SAMPLES = "../../../../build/c"
@@ -22,6 +23,16 @@ CPP = Path(__file__).with_name("c").joinpath("main.cpp").read_bytes()
 
 def done(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def samples(tmp_path_factory) -> Path:
+    """The sample folders, with one build for the expected answers and for the known one."""
+    folder: Path = tmp_path_factory.mktemp("samples") / "c"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(c_samples, "CController", partial(CController, flags=("-O1", "-ffp-contract=off")))
+        c_samples.main(folder)
+    return folder
 
 
 @pytest.fixture

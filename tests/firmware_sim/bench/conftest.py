@@ -2,9 +2,7 @@
 
 import pytest
 
-from wake.truck.truck_wake import TruckWake
-
 
 @pytest.fixture(scope="session", autouse=True)
-def _kernels(shared_wake: TruckWake) -> None:
+def _kernels(shared_wake) -> None:
     """Compiled once."""

@@ -25,11 +25,12 @@ from wake.plant.sample import Sample
 
 DEFAULT = Config()
 NAMES = ("upper_39", "lower_39", "base_0", "base_9")
-BIT_NS = 2000
-"""At 500 kbit/s."""
+BIT_NS = 2000  # at 500 kbit/s
 INTERMISSION_NS = 3 * BIT_NS
 WARM = 6
 """Periods with a request until the window of four is full and both ends trust each other."""
+SPANS = Spans(lead_in=2.0, controlled=10.0, settle=0.0, averages=False)
+"""10 periods and 50 of 20 ms; control from 0.2 s on, with a window of four periods."""
 
 
 class Oscillator:
@@ -76,8 +77,7 @@ class LiveOscillator(Oscillator):
     def __init__(self, config: Config) -> None:
         super().__init__(config.flow.substeps)
         self.config = config.flow
-        self.seen: list[tuple[float, float | None]] = []
-        """Reynolds number and wind at each sample."""
+        self.seen: list[tuple[float, float | None]] = []  # Reynolds number and wind at each sample
 
     def sample(self) -> Sample:
         self.seen.append((self.config.reynolds, None if self.wind is None else self.wind(self.t)))
@@ -94,14 +94,12 @@ def swinging() -> RecordingController:
 
 
 class Harness:
-    """A loop with these disturbances, period by period, and everything around it."""
-
     def __init__(self, compute_ms: float, *texts: str, plan_ahead: bool = False, **ecu_settings: Any) -> None:
         ecu = EcuConfig(compute_time_ms=compute_ms, plan_ahead=plan_ahead, **ecu_settings)
         self.config = config = Config(ecu=ecu)
         self.plant, self.ecu = LiveOscillator(config), Ecu(make_bundle(), swinging(), config)
         self.captured: list[Frame] = []
-        self.disturbing = Disturbing(Disturbances.parse(texts), config, NAMES, seed=1)
+        self.disturbing = Disturbing(Disturbances.parse(texts), config, NAMES, 1, {})
         in_loop = LoopEcu(ecu=self.ecu, kind="python", computed_by="a test")
         wired = wire(self.plant, NAMES, config, in_loop, self.disturbing, capture=self.captured.append)
         self.bus, self.loop = wired.bus, wired.loop
@@ -129,10 +127,6 @@ class Harness:
         return {period: late.get(period, 0) for period in range(self.plant.period)}
 
 
-SPANS = Spans(lead_in=2.0, controlled=10.0, settle=0.0, averages=False)
-"""10 periods and 50 of 20 ms; control from 0.2 s on, with a window of four periods."""
-
-
 class Waves(RecordingController):
     """Plans a wave as high as the limit."""
 
@@ -147,8 +141,6 @@ class Waves(RecordingController):
 
 
 class Run:
-    """A whole run on an oscillator with disturbances, and what was seen of it."""
-
     def __init__(self, *texts: str, config: Config = DEFAULT, plant: Any = None, observer: Any = None, **more: Any):
         around: dict[str, Any] = {"controller": Waves(), "disturbances": Disturbances.parse(texts), **more}
         self.plant: Any = LiveOscillator(config) if plant is None else plant
@@ -159,13 +151,10 @@ class Run:
         self.pressures: list[Any] = [codec.parse_pressure(frame.data) for frame in self.of(PRESSURE)]
         self.commands: list[Any] = [codec.parse_jet_command(frame.data) for frame in self.of(JET_COMMAND)]
         self.statuses: list[Any] = [codec.parse_ecu_status(frame.data) for frame in self.of(ECU_STATUS)]
-        speed = DBC.get_message_by_name("VehicleSpeed")
+        speed = DBC.get_message_by_name("VehicleSpeed")  # of cantools
         self.speeds: list[Any] = [speed.decode(one.data, decode_choices=False) for one in self.of(VEHICLE_SPEED)]
-        """As cantools reads them."""
-        self.read = np.array([pressure.pressure_pa for pressure in self.pressures])
-        """(n, 4) Pa, as the vehicle sent them."""
-        self.wall = self.log.series[WALL] * config.operating_point.dynamic_pressure
-        """(n, 4) Pa, as they were."""
+        self.read = np.array([pressure.pressure_pa for pressure in self.pressures])  # (n, 4) Pa, as the vehicle sent it
+        self.wall = self.log.series[WALL] * config.operating_point.dynamic_pressure  # (n, 4) Pa, as it was
         self.modes = self.log.series["mode"].astype(int)
         self.reasons = self.log.series["reason"].astype(int)
 

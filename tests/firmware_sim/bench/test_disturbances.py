@@ -14,7 +14,6 @@ from firmware_sim.bench.sensor_faults import GLOBAL_DEVIATION, Bias, Dead, Drift
 from tests.examples import examples
 
 SENSORS = ("lower_36", "base_7", "upper_39", "base_0")
-
 TEXTS = (
     *("noise:level=0.5", "bias:sensor=base_7,level=-0.5@1..2", "drift:sensor=base_7,level=1,over_s=2@1.."),
     *("stuck:sensor=upper_39", "dead:sensor=base_7", "swap:sensors=base_0+base_7", "quantise:step=5"),
@@ -26,8 +25,8 @@ TEXTS = (
     "ecu:drop:probability=0.3@1..",
 )
 """As they are written back. `test_simulation.py` shows what each of them does."""
-
 SECONDS = st.floats(0, 1e6).filter(lambda s: s == 0 or s > 1e-45)
+READINGS = np.random.default_rng(1).standard_normal((4000, 2))
 
 
 @examples(50)
@@ -83,9 +82,6 @@ def test_the_unit_of_levels_is_the_global_deviation_of_the_recording():
     about_their_means = pressures - pressures.mean(axis=0)
     # The scaling of a training counts mirror images, too: sensors that mirror each other share a mean. To four digits.
     assert np.sqrt((about_their_means**2).mean()) == pytest.approx(GLOBAL_DEVIATION, abs=1e-4)
-
-
-READINGS = np.random.default_rng(1).standard_normal((4000, 2))
 
 
 def test_frame_by_frame_is_as_at_once_and_the_argument_stays():

@@ -23,7 +23,6 @@ from tests.ecu.in_c.exported import CONFIG, Exported
 from tests.firmware_sim.bench.harness import LiveOscillator
 
 pytestmark = [pytest.mark.compiler, pytest.mark.usefixtures("no_pictures")]
-
 SPANS = Spans(lead_in=1.0, controlled=4.0, settle=0.0, averages=False)
 ZIG = (*("-O3", "-ffp-contract=on", "-g0"), "-march=native")
 
@@ -76,7 +75,6 @@ def test_with_a_key_the_vehicle_believes_the_ecu_in_c(release, tmp_path):
 
 @pytest.mark.mcu
 def test_a_core_that_is_too_slow_leaves_periods_out(release, sources):
-    """At a clock at which a plan takes more than a period, every second period at least is left out."""
     ecu, spans = loop_ecu(MCU, sources, clock_mhz=2.0), replace(SPANS, controlled=1.6)
     log = Simulation(release.bundle, CONFIG, spans=spans, ecu=ecu).run(LiveOscillator(CONFIG))
     core, rows = log.metadata.ecu, dict(service_rows(log))

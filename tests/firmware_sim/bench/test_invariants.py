@@ -26,17 +26,6 @@ from tests.each import each
 from tests.examples import examples
 from tests.firmware_sim.bench.harness import DEFAULT, Run
 
-
-def violations(*texts: str, config: Config = DEFAULT, seed: int = 0):
-    """What breaks in a run of a stub controller on an oscillator, with everything else real; and the run."""
-    observer = Invariants.of(config, Disturbances.parse(texts))
-    return observer.violations, Run(*texts, config=config, observer=observer, seed=seed).log
-
-
-def names(*texts: str, config: Config = DEFAULT) -> set[str]:
-    return {one.invariant for one in violations(*texts, config=config)[0]}
-
-
 CONFIGS = {
     "default": Config(),
     "at once": Config(ecu=EcuConfig(plan_ahead=False)),
@@ -47,32 +36,12 @@ CONFIGS = {
     "busy": Config(bus=BusConfig(background=BackgroundConfig(load=0.8))),
     "no hold": Config(ecu=EcuConfig(hold_periods=0, decay_periods=0)),
 }
-
-
-@each("config", CONFIGS.values())
-@pytest.mark.slow
-def test_a_sound_run_breaks_nothing_and_moves_the_jets(config):
-    broken, log = violations(config=config)
-    assert broken == []
-    assert abs(log.series["action"]).max() > 0.02
-
-
 HARM = (
-    "noise:level=0.9",
-    "dead:sensor=base_0@0.5..",
-    "wire_errors:bit_error_rate=0.002",
-    "wire_errors:bit_error_rate=1,node=ecu@0.6..0.61",
-    "wire_errors:bit_error_rate=0.01,node=vehicle,at=receive",
-    "reset@0.5",
-    "reset:boot_s=0@0.5055",
-    "clock:ppm=200",
-    "clock:offset_s=-0.1@0.5..",
-    "clock:offset_s=0.1@0.5..0.7",
-    "no_request@0.6..0.7",
-    "no_request@0.8..0.9",
-    "operating_point:speed=30",
-    "action_limit=0.5@0.5..",
-    "stuck_jets=-0.5@0.5..",
+    *("noise:level=0.9", "dead:sensor=base_0@0.5..", "wire_errors:bit_error_rate=0.002"),
+    *("wire_errors:bit_error_rate=1,node=ecu@0.6..0.61", "wire_errors:bit_error_rate=0.01,node=vehicle,at=receive"),
+    *("reset@0.5", "reset:boot_s=0@0.5055", "clock:ppm=200", "clock:offset_s=-0.1@0.5.."),
+    *("clock:offset_s=0.1@0.5..0.7", "no_request@0.6..0.7", "no_request@0.8..0.9", "operating_point:speed=30"),
+    *("action_limit=0.5@0.5..", "stuck_jets=-0.5@0.5.."),
     *(
         f"{node}:{fault}"
         for node in ("ecu", "vehicle")
@@ -85,6 +54,24 @@ HARM = (
         )
     ),
 )
+
+
+def violations(*texts: str, config: Config = DEFAULT, seed: int = 0):
+    """What breaks in a run of a stub controller on an oscillator, with everything else real; and the run."""
+    observer = Invariants.of(config, Disturbances.parse(texts))
+    return observer.violations, Run(*texts, config=config, observer=observer, seed=seed).log
+
+
+def names(*texts: str, config: Config = DEFAULT) -> set[str]:
+    return {one.invariant for one in violations(*texts, config=config)[0]}
+
+
+@each("config", CONFIGS.values())
+@pytest.mark.slow
+def test_a_sound_run_breaks_nothing_and_moves_the_jets(config):
+    broken, log = violations(config=config)
+    assert broken == []
+    assert abs(log.series["action"]).max() > 0.02
 
 
 @pytest.mark.slow  # many runs

@@ -33,8 +33,9 @@ from wake.truck.truck_wake import TruckWake
 CONFIG = Config()
 PASCAL = CONFIG.operating_point.dynamic_pressure
 UNIT = GLOBAL_DEVIATION * PASCAL
-STEP_PA = 0.05
-"""Half a step of the wire."""
+STEP_PA = 0.05  # half a step of the wire
+UP = Drive(name="up", times=(0.0, 0.5), speeds=(20.0, 30.0))
+"""From 0.2 s of the run to 0.7 s, with `SPANS`."""
 
 
 @pytest.fixture(scope="module")
@@ -105,8 +106,7 @@ def test_a_reset_ecu_is_silent_while_it_boots_starts_again_and_waits_for_an_edge
     run = Run("reset:boot_s=0.1@0.505")
     times = np.array([frame.timestamp_ns / 1e9 for frame in run.of(JET_COMMAND)])
     gap = times[np.argmax(np.diff(times)) : np.argmax(np.diff(times)) + 2]
-    # The step of 0.50 s is lost, for it was still computing. Up at 0.605 s it has missed that period's pressures, waits
-    # for half a period and steps without.
+    # The step of 0.50 s is lost. Up at 0.605 s it has missed that period's pressures, and steps half a period later.
     assert gap == pytest.approx([0.488, 0.618], abs=0.001)
     assert [frame.data[2] for frame in run.of(JET_COMMAND)] == [*range(25), *range(30)]
     assert set(run.modes[30:]) == {Mode.OFF}
@@ -243,13 +243,7 @@ def test_spans_that_are_no_numbers_or_too_short_are_refused_with_the_remedy():
             Spans(**{**usual, name: 0.05}, averages=False).periods(0.2)
 
 
-UP = Drive(name="up", times=(0.0, 0.5), speeds=(20.0, 30.0))
-"""From 0.2 s of the run to 0.7 s, with `SPANS`."""
-
-
 class DrivenOscillator(LiveOscillator):
-    """Whose stream can have any speed; `scaled` keeps by what."""
-
     scaled: tuple[float, ...] = ()
 
     def scale(self, ratio: float) -> None:

@@ -119,7 +119,6 @@ def test_pressures_that_wait_for_the_bus_make_the_step_late_and_no_miss():
 
 
 def faulty(fault: str, compute_ms: float = 8.0) -> Harness:
-    """A loop with a fault in the pressures that the vehicle sends and in the ECU's commands."""
     pressures, commands = PRESSURE.frame_id, JET_COMMAND.frame_id
     return Harness(compute_ms, f"vehicle:{fault},frame_ids={pressures}", f"ecu:{fault},frame_ids={commands}")
 

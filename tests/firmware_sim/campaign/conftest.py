@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from firmware_sim.campaign import conduct as conducting
-from firmware_sim.campaign.folder import KeptCourse, MeanFigures, RunOutcome, RunService
+from firmware_sim.campaign.folder import CampaignFolder, KeptCourse, MeanFigures, RunOutcome, RunService
 from firmware_sim.campaign.judgement import PhaseOutcomes, ScenarioRow, judged
 from firmware_sim.campaign.scenario import UNDISTURBED, Place, Scenario
 from wake.truck.state import State, developed_state
@@ -18,15 +18,7 @@ def scenario_of(name: str, group: str = "a group", **fields) -> Scenario:
     return Scenario(name=name, group=group, sentence=f"What {name} is.", **fields)
 
 
-def phase_of(
-    Cd: float = 0.8,
-    *,
-    abs_Cl: float = 0.2,
-    in_control: int = 100,
-    latches: int = 0,
-    broken: Sequence[str] = (),
-    failure: str = "",
-) -> PhaseOutcomes:
+def phase_of(Cd=0.8, *, abs_Cl=0.2, in_control=100, latches=0, broken=(), failure="") -> PhaseOutcomes:
     """A run of 100 periods against a free flow with Cd = 1 and |Cl| = 0.9."""
     lift, action = [0.9, abs_Cl, -abs_Cl], [0.0, 0.01, 0.02]
     course = KeptCourse(t=[0.0, 0.2, 0.4], Cd=[1.0, Cd, Cd], Cl=lift, action=action, enabled_t=0.2)
@@ -41,9 +33,7 @@ def phase_of(
     return PhaseOutcomes(under=under, free=RunOutcome(key="f", figures=FREE, course=replace(course, action=[0.0] * 3)))
 
 
-def rows_of(
-    *others: tuple[Scenario, Sequence[PhaseOutcomes]], undisturbed: Sequence[PhaseOutcomes] | None = None
-) -> tuple[ScenarioRow, ...]:
+def rows_of(*others: tuple[Scenario, Sequence[PhaseOutcomes]], undisturbed=None) -> tuple[ScenarioRow, ...]:
     """The undisturbed scenario, 20 % less drag without other phases, and others."""
     everything = [(scenario_of(UNDISTURBED, "Undisturbed"), undisturbed or [phase_of(), phase_of()]), *others]
     return judged([one for one, _ in everything], {one.name: phases for one, phases in everything})
@@ -56,18 +46,12 @@ def place() -> Place:
 
 
 class Worker:
-    """Stands for the workers, whose runs take minutes: made-up outcomes by the scenario's name.
-
-    Attributes:
-        ran: names of the tasks.
-        started: where each of them began.
-        drag: under control, by scenario; as `phase_of` has it for the others.
-        stop_after: so many runs.
-        failing, unsafe: the task that falls over, and the scenario in which an invariant breaks.
-    """
+    """Stands for the workers, whose runs take minutes: made-up outcomes by the scenario's name, with its drag under
+    control, or as `phase_of` has it. `kept` are the folders from which starting states were to be taken. It stops after
+    so many runs; the task `failing` falls over, and in the scenario `unsafe` an invariant breaks."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, **drag: float) -> None:
-        self.ran: list[str] = []
+        self.ran, self.kept = list[str](), list[CampaignFolder | None]()
         self.started: dict[str, State] = {}
         self.drag, self.stop_after, self.failing, self.unsafe = drag, 10**6, "", ""
         start = developed_state()
@@ -75,11 +59,12 @@ class Worker:
         monkeypatch.setattr(conducting, "spread", self)
         # Of another body's wake, as far as a hash can tell.
         other = replace(start, flat=2.0 * start.flat)
-        monkeypatch.setattr(
-            conducting,
-            "starting_states",
-            lambda folder, config, phases, scenario, progress: (other if scenario else start,) * phases,
-        )
+
+        def states(folder, config, phases, name, _) -> tuple[State, ...]:
+            self.kept.append(folder)
+            return (other if name else start,) * phases
+
+        monkeypatch.setattr(conducting, "starting_states", states)
 
     def __call__(self, tasks, call, *, finished, **_) -> None:
         for task in tasks:

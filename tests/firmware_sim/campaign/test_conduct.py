@@ -10,17 +10,19 @@ from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError, StillwakeError
 from contract.release import bundle
 from firmware_sim.bench.simulation import Spans
-from firmware_sim.campaign import conduct as conducting
 from firmware_sim.campaign.conduct import Campaign, RunTask, conduct, seed_of, settings_of
-from firmware_sim.campaign.folder import CampaignFolder, starting_states
+from firmware_sim.campaign.folder import CampaignFolder
 from tests.ecu.conftest import make_bundle
 from tests.firmware_sim.campaign.conftest import Worker, scenario_of
-from wake.truck.state import State
 
 SCENARIOS = (
     scenario_of("undisturbed"),
     scenario_of("noise_0.5", "A", disturb=("noise:level=0.5",)),
     scenario_of("gust", "B", disturb=("gust:amplitude=0.1,period=20",)),
+)
+TIMING = Spans(averages=False, lead_in=7.0, controlled=60.0, settle=20.0)
+TASK = RunTask(
+    name="one", disturb=("noise:level=0.5",), config=Config(), controlled=True, phase=0, seed=1, timing=TIMING
 )
 
 
@@ -93,19 +95,11 @@ def test_a_stopped_campaign_goes_on_and_runs_again_what_changed_or_did_not_finis
     assert folder.finished == 4
 
 
-def test_a_campaign_that_replaces_another_takes_no_start_of_other_phases(
-    campaign, worker, tmp_path, monkeypatch
-) -> None:
-    folder, asked = CampaignFolder(tmp_path / "c"), list[CampaignFolder | None]()
-
-    def states(kept: CampaignFolder | None, *of: Any) -> tuple[State, ...]:
-        asked.append(kept)
-        return starting_states(kept, *of)
-
-    monkeypatch.setattr(conducting, "starting_states", states)
+def test_a_campaign_that_replaces_another_takes_no_start_of_other_phases(campaign, worker, tmp_path) -> None:
+    folder = CampaignFolder(tmp_path / "c")
     for one in (campaign, campaign, replace(campaign, phases=1)):
         conduct(one, folder, workers=1)
-    assert asked == [None, folder, None]
+    assert worker.kept == [None, folder, None]
 
 
 def test_what_no_run_could_have_is_refused_before_any(campaign, short_release) -> None:
@@ -124,17 +118,6 @@ def test_what_no_run_could_have_is_refused_before_any(campaign, short_release) -
     campaign.check()
 
 
-TASK = RunTask(
-    name="one",
-    disturb=("noise:level=0.5",),
-    config=Config(),
-    controlled=True,
-    phase=0,
-    seed=1,
-    timing=Spans(averages=False, lead_in=7.0, controlled=60.0, settle=20.0),
-)
-
-
 def test_a_scenarios_settings_go_on_top_and_a_wrong_one_is_refused_with_its_name() -> None:
     base = Config(ecu=EcuConfig(hold_periods=2))
     config = settings_of(scenario_of("late", settings=("ecu.delay_steps=12", "bus.background.load=0.9")), base)
@@ -149,14 +132,9 @@ def test_a_scenarios_settings_go_on_top_and_a_wrong_one_is_refused_with_its_name
 
 
 def test_whatever_decides_a_run_is_in_its_key_and_its_name_is_not() -> None:
-    changes: list[dict[str, Any]] = [
-        {"disturb": ("noise:level=0.6",)},
-        {"config": Config(ecu=EcuConfig(delay_steps=1))},
-        {"controlled": False},
-        {"seed": 2},
-        {"timing": replace(TASK.timing, settle=30.0)},
-    ]
-    keys = [replace(TASK, **change).key("b", "s", "1") for change in ({}, *changes)]
+    changes: list[dict[str, Any]] = [{}, {"disturb": ("noise:level=0.6",)}, {"controlled": False}, {"seed": 2}]
+    changes += [{"config": Config(ecu=EcuConfig(delay_steps=1))}, {"timing": replace(TIMING, settle=30.0)}]
+    keys = [replace(TASK, **change).key("b", "s", "1") for change in changes]
     keys += [TASK.key(*others) for others in (("c", "s", "1"), ("b", "t", "1"), ("b", "s", "2"))]
     assert len(set(keys)) == len(keys)
     assert replace(TASK, name="other").key("b", "s", "1") == keys[0]

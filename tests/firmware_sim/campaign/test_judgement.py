@@ -20,17 +20,11 @@ def test_means_are_over_the_instants_from_the_end_of_settling_on() -> None:
 
 
 def test_reduction_and_use_follow_their_criteria_over_all_phases() -> None:
-    for Cd, abs_Cl, use in [
-        # Undisturbed there is 20 % less: three quarters of it are 15 %.
-        (0.85, 0.2, Use.USEFUL),
-        (0.86, 0.2, Use.MARGINAL),
-        (0.99, 0.2, Use.MARGINAL),
-        (1.00, 0.2, Use.NONE),
-        (1.10, 0.2, Use.NONE),
-        # Without control |Cl| is 0.9: less drag with more side force is not useful.
-        (0.80, 0.91, Use.MARGINAL),
-        (0.80, 0.90, Use.USEFUL),
-    ]:
+    # Undisturbed there is 20 % less: three quarters of it are 15 %.
+    cases = [(0.85, 0.2, Use.USEFUL), (0.86, 0.2, Use.MARGINAL), (0.99, 0.2, Use.MARGINAL), (1.00, 0.2, Use.NONE)]
+    # Without control |Cl| is 0.9: less drag with more side force is not useful.
+    cases += [(1.10, 0.2, Use.NONE), (0.80, 0.91, Use.MARGINAL), (0.80, 0.90, Use.USEFUL)]
+    for Cd, abs_Cl, use in cases:
         _, row = rows_of((scenario_of("one"), [phase_of(Cd, abs_Cl=abs_Cl)] * 2))
         assert row.use == use, Cd
     assert rows_of((scenario_of("one", criteria=Criteria(useful=1.0)), [phase_of(0.81)]))[1].use == Use.MARGINAL

@@ -32,13 +32,9 @@ def some_rows():
 
 
 def written(rows, path) -> tuple[CampaignFolder, str]:
-    campaign = Campaign(
-        scenarios=tuple(row.scenario for row in rows),
-        bundle=make_bundle(name="<b>evil</b>"),
-        config=Config(),
-        timing=Spans(averages=False, lead_in=1.2, controlled=60.0, settle=20.0),
-        phases=2,
-    )
+    scenarios, evil = tuple(row.scenario for row in rows), make_bundle(name="<b>evil</b>")
+    timing = Spans(averages=False, lead_in=1.2, controlled=60.0, settle=20.0)
+    campaign = Campaign(scenarios=scenarios, bundle=evil, config=Config(), timing=timing, phases=2)
     folder = CampaignFolder(path)
     write_report(folder, campaign, Result(rows=rows, made=1, kept=0), date(2026, 1, 2))
     return folder, folder.report.read_text(encoding="utf-8")

@@ -24,9 +24,9 @@ from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 pytestmark = pytest.mark.slow  # runs of the solver
-
 TIMING = Spans(averages=False, lead_in=1.2, controlled=1.6, settle=0.8)
 LEAD_IN, PERIODS = 6, 14
+ROUGH = ("noise:level=0.5", "ecu:drop:probability=0.3", "gust:amplitude=0.1,period=1")
 
 
 @pytest.fixture(scope="module")
@@ -110,23 +110,14 @@ def test_only_what_acts_on_the_flow_is_left_without_control():
     assert flow_disturbances(kept) == kept
 
 
-ROUGH = ("noise:level=0.5", "ecu:drop:probability=0.3", "gust:amplitude=0.1,period=1")
-
-
 @pytest.fixture
 def campaign(release, coarse, monkeypatch) -> Campaign:
-    """It begins in the coarse wake."""
     monkeypatch.setattr(
         conducting, "starting_states", lambda folder, config, phases, scenario, progress: (coarse.start,) * phases
     )
-    return Campaign(
-        scenarios=(scenario_of("undisturbed"), scenario_of("rough", disturb=ROUGH)),
-        bundle=release,
-        config=Config(flow=coarse.flow),
-        timing=Spans(averages=False, lead_in=0.4, controlled=0.8, settle=0.2),
-        phases=1,
-        seed=3,
-    )
+    scenarios = scenario_of("undisturbed"), scenario_of("rough", disturb=ROUGH)
+    config, timing = Config(flow=coarse.flow), Spans(averages=False, lead_in=0.4, controlled=0.8, settle=0.2)
+    return Campaign(scenarios=scenarios, bundle=release, config=config, timing=timing, phases=1, seed=3)
 
 
 def files(folder: Path) -> dict[str, bytes]:

@@ -14,8 +14,6 @@ from fmpy.fmi3 import FMU3Slave
 
 
 class Imported:
-    """One instance, initialised at a time."""
-
     _make: Any = FMU3Slave
     _token, _integer = "instantiationToken", "Int64"
 
@@ -25,12 +23,8 @@ class Imported:
         folder = path.with_suffix("")
         if not folder.exists():  # a library that is loaded must not be written over
             extract(str(path), unzipdir=str(folder))
-        self.fmu = self._make(
-            guid=getattr(self.description, self._token),
-            unzipDirectory=str(folder),
-            modelIdentifier=self.description.coSimulation.modelIdentifier,
-            instanceName="tested",
-        )
+        guid, name = getattr(self.description, self._token), self.description.coSimulation.modelIdentifier
+        self.fmu = self._make(guid=guid, unzipDirectory=str(folder), modelIdentifier=name, instanceName="tested")
         self.time = start
         self.fmu.instantiate(loggingOn=True)
         self.begin()
@@ -64,8 +58,6 @@ class Imported:
 
 
 class Imported2(Imported):
-    """One instance by FMI 2.0, with what `Imported` offers."""
-
     _make, _token, _integer = FMU2Slave, "guid", "Integer"
 
     def begin(self) -> None:

@@ -27,7 +27,6 @@ from tests.ecu.in_c.exported import CONFIG
 from tests.firmware_sim.fmu.imported import Imported, refused
 
 pytestmark = pytest.mark.compiler
-
 MS = 1_000_000
 STEP_NS, ANSWER_NS, PERIOD_NS = 4 * MS, 12 * MS, CONFIG.period_ns
 """Of the ECU's first step and of its frames, by the settings' defaults."""
@@ -59,25 +58,16 @@ def test_on_the_simulated_bus_frames_are_those_of_a_run_with_the_ecu_in_c(releas
     """In classic frames; in those of CAN FD the container of others plays two of them below."""
     config = replace(CONFIG, bus=BusConfig(frames="classic"))
     path, sources = fmu_of(config, bus=True)
-    lead_in, controlled = 10, 60
+    lead_in, periods, t = 10, 70, config.flow.control_period
     own, joined = list[Frame](), list[Frame]()
-    t = config.flow.control_period
-    spans = Spans(lead_in=lead_in * t, controlled=controlled * t, settle=t, averages=False)
-    log = Simulation(release.bundle, config, spans=spans, ecu=loop_ecu(C, sources)).run(
-        OscillatorPlant(config.flow), capture=own.append
-    )
-    run(
-        TerminalNode(path),
-        Oscillator(),
-        VehicleNode(release.bundle.manifest.sensors, config),
-        config,
-        periods=lead_in + controlled,
-        asks=lambda k: k >= lead_in,
-        capture=joined.append,
-    )
+    spans = Spans(lead_in=lead_in * t, controlled=(periods - lead_in) * t, settle=t, averages=False)
+    own_loop = Simulation(release.bundle, config, spans=spans, ecu=loop_ecu(C, sources))
+    log = own_loop.run(OscillatorPlant(config.flow), capture=own.append)
+    node, vehicle = TerminalNode(path), VehicleNode(release.bundle.manifest.sensors, config)
+    run(node, Oscillator(), vehicle, config, periods=periods, asks=lambda k: k >= lead_in, capture=joined.append)
     assert np.abs(log.series["action"]).max() > 0.01
     assert [(one.frame_id, one.data) for one in joined] == [(one.frame_id, one.data) for one in own]
-    assert len(own) == 4 * (lead_in + controlled)
+    assert len(own) == 4 * periods
 
 
 def linked(sources: dict[str, bytes], periods: int, *, hears: tuple[bool, bool]) -> list[list[bytes]]:
@@ -162,9 +152,8 @@ def test_its_controller_counts_errors_and_goes_off_the_bus_as_iso_11898_has_it(f
         for one in (node, deaf):
             assert all(code not in (STATUS, FORMAT_ERROR) for code, _ in operations(one.event(now_ns, content)))
         told = [*operations(node.event(now_ns))] if node.due_ns <= now_ns else []
-        assert [one for one in told if one[0] == STATUS] == (
-            [(STATUS, bytes([STATES.index(health.state) + 1]))] if health.state is not before.state else []
-        )
+        changed = [(STATUS, bytes([STATES.index(health.state) + 1]))] if health.state is not before.state else []
+        assert [one for one in told if one[0] == STATUS] == changed
         assert deaf.due_ns > now_ns or not [*operations(deaf.event(now_ns))]
         seen.add(health.state)
         if health.bus_off > before.bus_off:
@@ -207,10 +196,9 @@ def test_states_resets_and_instances_are_apart_and_fmpys_defaults_are_served(fmu
     other.enterEventMode()
     other.setClock(nodes[1].of("Tx_Clock"), [True])
     assert bytes(other.getBinary(nodes[1].of("Tx_Data"))[0]) == whole[2]
+    given = {"step_offset": 0.001}
     for events in (False, True):
-        simulated = simulate_fmu(
-            str(path), stop_time=0.1, use_event_mode=events, start_values={"step_offset": 0.001}, output=["mode"]
-        )
+        simulated = simulate_fmu(str(path), stop_time=0.1, use_event_mode=events, start_values=given, output=["mode"])
         assert simulated["time"][-1] == 0.1
 
 

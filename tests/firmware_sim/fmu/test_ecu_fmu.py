@@ -1,5 +1,4 @@
-"""The ECU's FMU, imported by another library: a sound file, and the ECU in C to the bit behind its variables; for FMI
-2.0 and for Windows, too."""
+"""The ECU's FMU, imported by another library: a sound file, the ECU in C to the bit; for FMI 2.0 and Windows, too."""
 
 import io
 import math
@@ -29,9 +28,17 @@ from tests.ecu.in_c.exported import CONFIG, Exported
 from tests.firmware_sim.fmu.imported import Imported, Imported2, check_order_of_calls
 
 pytestmark = pytest.mark.compiler
-
 PERIOD_S = CONFIG.period_ns / 1e9
 OTHER_TYPES = ("Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Boolean", "String")
+ODD: dict[str, tuple[float, ...]] = {
+    "pressure.": (5e3, -9e9, 0.25),
+    "valid.": (False,),
+    "pressure_age": (0.0, -1.0, 0.0049999, 0.0300001, 0.0651, 0.08, 3.0),
+    "vehicle_speed": (24.9976, -1.0, 400.0),
+    "air_density": (1.234, 1.235, 3.0),
+    "send_": (False,),
+}
+"""What variables are from time to time, within the wire's range and beyond it."""
 
 
 @pytest.fixture(scope="module")
@@ -51,17 +58,6 @@ def test_the_file_is_sound_the_same_again_and_compiles_from_its_own_sources(fmu_
     assert named == {name for name in files if name.endswith(".c")}
     shared_builds.quick(files, tmp_path / "again.so", compiler=host_compiler(), flags=FLAGS)
     assert (tmp_path / "again.so").read_bytes() == next((tmp_path / "binaries").rglob("*.so")).read_bytes()
-
-
-ODD: dict[str, tuple[float, ...]] = {
-    "pressure.": (5e3, -9e9, 0.25),
-    "valid.": (False,),
-    "pressure_age": (0.0, -1.0, 0.0049999, 0.0300001, 0.0651, 0.08, 3.0),
-    "vehicle_speed": (24.9976, -1.0, 400.0),
-    "air_density": (1.234, 1.235, 3.0),
-    "send_": (False,),
-}
-"""What variables are from time to time, within the wire's range and beyond it."""
 
 
 def frames_of_a_vehicle(values: dict[str, float], messages: MessageSet, senders: list[E2eSender], now_ns: int):
@@ -220,9 +216,8 @@ def test_by_fmi_2_it_is_the_same_ecu(fmu_of, capsys):
     again = Imported2(path)
     for imported in (second, again):
         imported.step(PERIOD_S)
-    assert second.fmu.serializeFMUstate(second.fmu.getFMUstate()) == again.fmu.serializeFMUstate(
-        again.fmu.getFMUstate()
-    )
+    saved = [one.fmu.serializeFMUstate(one.fmu.getFMUstate()) for one in (second, again)]
+    assert saved[0] == saved[1]
     simulated = simulate_fmu(str(path), stop_time=0.1, start_values={"pressure_age": 0.001}, output=["mode"])
     assert simulated["time"].tolist() == [k * PERIOD_S for k in range(6)]
 

@@ -25,7 +25,6 @@ from wake.plants import own_wake
 pytest.importorskip("pythonfmu3", reason="pythonfmu3 (extra fmu) is not installed")
 
 pytestmark = [pytest.mark.slow, pytest.mark.compiler]  # the flow, twice
-
 PERIOD_S, LEAD_IN, PERIODS = CONFIG.period_ns / 1e9, 6, 16
 
 
@@ -64,12 +63,8 @@ def test_both_fmus_together_are_the_own_loop_to_the_bit(plant_path, config, star
     assert ecu["next_period"]
     assert ecu["flow_command"] != 0.0
     t = config.flow.control_period
-    own_loop = Simulation(
-        release.bundle,
-        config,
-        spans=Spans(lead_in=LEAD_IN * t, controlled=(PERIODS - LEAD_IN) * t, settle=t, averages=False),
-        ecu=loop_ecu(C, sources),
-    )
+    spans = Spans(lead_in=LEAD_IN * t, controlled=(PERIODS - LEAD_IN) * t, settle=t, averages=False)
+    own_loop = Simulation(release.bundle, config, spans=spans, ecu=loop_ecu(C, sources))
     log = own_loop.run(own_wake(config, start=start))
     assert np.abs(log.series["action"]).max() > 0.01
     own = np.stack([log.series[name] for name in ("Cd", "Cl", "t")], axis=1)

@@ -12,7 +12,7 @@ MS = 1_000_000
 PERIOD = 20 * MS
 START = 7_000 * MS
 COUNTERS = 256
-
+IN_VEHICLE = [VehicleStage.PRESSURE_COUNTER, VehicleStage.ECHOED_COUNTER]
 ON_ECU = {"bus_to_ecu": 0.5, "wait": 3.2, "receive": 0.25, "plan": 8.0, "gate": 0.125}
 TOOK = {"sample": 0.3, **ON_ECU, "bus_to_vehicle": 0.4}
 """ms of each stage where nothing is planted; the sums are of whole nanoseconds."""
@@ -20,8 +20,6 @@ TOOK = {"sample": 0.3, **ON_ECU, "bus_to_vehicle": 0.4}
 
 @dataclass
 class Tables:
-    """Rows of a run of `count` periods."""
-
     count: int
     first_counter: int = 250
     vehicle: Times = field(init=False)
@@ -75,10 +73,6 @@ class Tables:
         for j in range(i, i + periods):
             self.lose_frame(j)
         after = slice(i + periods, None)
-        for table, column in (
-            (self.vehicle, VehicleStage.PRESSURE_COUNTER),
-            (self.vehicle, VehicleStage.ECHOED_COUNTER),
-            (self.ecu, EcuStage.PRESSURE_COUNTER),
-        ):
-            table[after, column] = (table[after, column] - periods) % COUNTERS
+        self.vehicle[after, IN_VEHICLE] = (self.vehicle[after, IN_VEHICLE] - periods) % COUNTERS
+        self.ecu[after, EcuStage.PRESSURE_COUNTER] = (self.ecu[after, EcuStage.PRESSURE_COUNTER] - periods) % COUNTERS
         self.vehicle = np.delete(self.vehicle, slice(i, i + periods), axis=0)

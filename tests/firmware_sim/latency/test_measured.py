@@ -7,20 +7,9 @@ import pytest
 
 from contract.errors import ConfigError, StillwakeError
 from ecu.real_time.stage_times import EcuStage
-from firmware_sim.latency import idle_loop
+from firmware_sim.latency import idle_loop, measured
 from firmware_sim.latency.idle_loop import IdleStage, lateness
-from firmware_sim.latency.measured import (
-    NEEDED_FOR_P99_9,
-    PAGE,
-    KeptLimit,
-    MeasuredRun,
-    Quantiles,
-    notes,
-    read_budget,
-    stage_rows,
-    verdicts,
-    write_report,
-)
+from firmware_sim.latency.measured import NEEDED_FOR_P99_9, KeptLimit, MeasuredRun, Quantiles, verdicts
 from firmware_sim.latency.running import Recorded
 from firmware_sim.latency.stages import Stage
 from tests.firmware_sim.latency.tables import COUNTERS, MS, PERIOD, TOOK, Tables
@@ -117,8 +106,8 @@ def test_figures_are_strict_json_with_every_stage():
     assert figures["stages"]["all"]["max_ms"] is None  # some commands never came
     run.lose_command(slice(None))
     assert judged(run).figures()["slack_ms"] is None
-    assert "nan" not in " ".join(notes(judged(run)))
-    assert "Privileges of the idle loop: memory locked." in notes(judged(run))
+    assert "nan" not in " ".join(measured.notes(judged(run)))
+    assert "Privileges of the idle loop: memory locked." in measured.notes(judged(run))
 
 
 @pytest.mark.slow  # draws figures
@@ -128,26 +117,26 @@ def test_the_page_begins_with_the_verdict_and_has_its_picture(tmp_path):
         lost.lose_command(i)
     runs = [judged(with_two_misses(9.0)), judged(Tables(200), "c"), judged(lost, "lost $_$")]
     budget = {"misses_ours": 0, "plan.max_ms": 9.0}
-    write_report(tmp_path, runs, [verdicts(budget, run.counts, run.latencies) for run in runs])
-    page = (tmp_path / PAGE).read_text()
+    measured.write_report(tmp_path, runs, [verdicts(budget, run.counts, run.latencies) for run in runs])
+    page = (tmp_path / measured.PAGE).read_text()
     assert page.startswith("onnx: This machine is too noisy")
     for row in ("misses_ours | 0 | 1 | NO", "misses_ours | 0 | 0 | yes", "plan.max_ms | 9 | 8 | yes", "never"):
         assert f"| {row} |" in page, row
     assert "(histogram.png)" in page and (tmp_path / "histogram.png").read_bytes().startswith(b"\x89PNG")
-    assert next(stage_rows(runs[1])) == ("sample", "0.30", "0.30", "0.30", "0.30", "")
+    assert next(measured.stage_rows(runs[1])) == ("sample", "0.30", "0.30", "0.30", "0.30", "")
 
 
 def budget_of(tmp_path, text):
     path = tmp_path / "budget.toml"
     path.write_text(text)
-    return read_budget(path)
+    return measured.read_budget(path)
 
 
 def test_each_limit_with_what_was_measured(tmp_path):
     text = "misses_ours = 0\n[plan]\nmax_ms = 10\np50_ms = 5\n[all]\np99_ms = 9.9\np99_9_ms = 9.98"
-    measured = {stage: Quantiles.of(np.arange(1.0, 1001.0) * 1e4) for stage in Stage}  # 0.01 to 10 ms
-    measured[Stage.GATE] = Quantiles.of(np.array([]))
-    judged = verdicts(budget_of(tmp_path, text + "\n[gate]\nmax_ms = 1"), {"misses": 3, "misses_ours": 1}, measured)
+    taken = {stage: Quantiles.of(np.arange(1.0, 1001.0) * 1e4) for stage in Stage}  # 0.01 to 10 ms
+    taken[Stage.GATE] = Quantiles.of(np.array([]))
+    judged = verdicts(budget_of(tmp_path, text + "\n[gate]\nmax_ms = 1"), {"misses": 3, "misses_ours": 1}, taken)
     assert judged == [
         KeptLimit("misses_ours", 0, 1),
         KeptLimit("plan.p50_ms", 5.0, 5.0),

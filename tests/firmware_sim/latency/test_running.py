@@ -12,11 +12,12 @@ from firmware_sim.latency.running import recorded
 from tests.firmware_sim.latency.tables import PERIOD
 
 pytestmark = pytest.mark.processes
-
 READY = """
 import os, signal, socket, sys, time
 socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM).sendto(b"READY=1\\nSTATUS=OFF", os.environ["NOTIFY_SOCKET"])
 """
+SHOWN = READY + "print(os.getpid(), flush=True); "
+SHORT, LONG = (f"import time; time.sleep({seconds})" for seconds in (1, 20))
 
 
 def test_a_process_that_fails_ends_in_one_line_and_the_others_with_it(tmp_path, monkeypatch):
@@ -27,22 +28,10 @@ def test_a_process_that_fails_ends_in_one_line_and_the_others_with_it(tmp_path, 
         (python("print('a line'); exit('error: no such bus')"), "", r"the ecu did not start: error: no such bus$"),
         (python(""), "", "the ecu did not start: it printed nothing"),
         (["/no/such/program"], "", "cannot start the ecu: No such file"),
-        (
-            python(READY + "time.sleep(0.5); print('bus on fire')"),
-            "import time; time.sleep(20)",
-            "the ecu ended before the vehicle: bus on fire",
-        ),
-        (
-            python(READY + "print(os.getpid(), flush=True); time.sleep(60)"),
-            "print('error: no recording'); exit(1)",
-            "the vehicle failed: error: no recording",
-        ),
-        (python(READY + "time.sleep(60)"), "import time; time.sleep(1)", r"vehicle_times\.npz"),
-        (
-            python(READY + "signal.signal(15, signal.SIG_IGN); print(os.getpid(), flush=True)\ntime.sleep(60)"),
-            "import time; time.sleep(1)",
-            "the ecu did not end within 0 s",
-        ),
+        (python(READY + "time.sleep(0.5); print('bus off')"), LONG, "the ecu ended before the vehicle: bus off"),
+        (python(SHOWN + "time.sleep(60)"), "print('error: no tape'); exit(1)", "the vehicle failed: error: no tape"),
+        (python(READY + "time.sleep(60)"), SHORT, r"vehicle_times\.npz"),
+        (python(SHOWN + "signal.signal(15, signal.SIG_IGN); time.sleep(60)"), SHORT, "the ecu did not end within 0 s"),
     ]
     cases = [(ecu, python(vehicle), message) for ecu, vehicle, message in cases]
     # In place of the idle loop, which the command's own test starts, a process that takes no time to start.

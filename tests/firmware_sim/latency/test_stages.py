@@ -6,7 +6,7 @@ import pytest
 from contract.errors import StillwakeError
 from ecu.real_time.stage_times import EcuStage, VehicleStage
 from firmware_sim.latency.stages import Stage, joined
-from tests.firmware_sim.latency.tables import COUNTERS, MS, PERIOD, START, TOOK, Tables
+from tests.firmware_sim.latency.tables import COUNTERS, IN_VEHICLE, MS, PERIOD, START, TOOK, Tables
 
 ALL_MS = sum(TOOK.values())
 ALL_NS = round(ALL_MS * MS)
@@ -16,12 +16,8 @@ def test_undisturbed_each_stage_takes_what_it_took():
     # 600 periods: the counter of eight bits begins again twice, that of classic frames with its four bits more often.
     for counters in (COUNTERS, 16):
         run = Tables(600)
-        for table, column in (
-            (run.vehicle, VehicleStage.PRESSURE_COUNTER),
-            (run.vehicle, VehicleStage.ECHOED_COUNTER),
-            (run.ecu, EcuStage.PRESSURE_COUNTER),
-        ):
-            table[:, column] %= counters
+        run.vehicle[:, IN_VEHICLE] %= counters
+        run.ecu[:, EcuStage.PRESSURE_COUNTER] %= counters
         periods = joined(run.vehicle, run.ecu, period_ns=PERIOD, counter_period=counters)
         assert len(periods) == 599  # the last one's boundary lies after the run
         for name, ms in {**TOOK, "all": ALL_MS, "actuate": 0.0}.items():

@@ -26,8 +26,7 @@ CONTROLLERS, PLANTS = (
     tuple({"name": name, "label": name, "missing": _LACKS.get(name)} for name in names)
     for names in (("python", "c", "mcu", "off"), ("wake", "recording"))
 )
-LEAD_IN = 2.0
-"""t_c: ten periods."""
+LEAD_IN = 2.0  # t_c: ten periods
 
 
 def oscillator(name: str) -> LoopPlant:
@@ -46,38 +45,19 @@ class ShownOscillator(LiveOscillator):
 
 
 def shown(name: str) -> LoopPlant:
-    """The recording has nothing to be shown."""
     return ShownOscillator(CONFIG) if name == "wake" else LiveOscillator(CONFIG)
 
 
 class Live:
-    """A session, and all that it has sent so far."""
-
-    def __init__(
-        self,
-        *,
-        wake: Callable[[str], LoopPlant] = oscillator,
-        lead_in: float = LEAD_IN,
-        config: Config = CONFIG,
-        **more: Any,
-    ) -> None:
+    def __init__(self, *, wake=oscillator, lead_in=LEAD_IN, config: Config = CONFIG, **more: Any) -> None:
         self.bundle = make_bundle()
         self.made: dict[str, Ecu] = {}
         self.refused: set[str] = set()
         self.clocks: list[str] = []  # the ECUs whose clock was set to 0
         self.controller = Waves()
         self.config = config
-        self.session = LiveSession(
-            bundle=self.bundle,
-            config=config,
-            wake=wake,
-            ecu=self._ecu,
-            controllers=CONTROLLERS,
-            plants=PLANTS,
-            lead_in=lead_in,
-            clock=iter(np.arange(10**6) / 40.0).__next__,
-            **more,
-        )
+        more |= {"controllers": CONTROLLERS, "plants": PLANTS, "clock": iter(np.arange(10**6) / 40.0).__next__}
+        self.session = LiveSession(bundle=self.bundle, config=config, wake=wake, ecu=self._ecu, lead_in=lead_in, **more)
         self.rows: dict[str, list[Any]] = {name: [] for name in PERIOD_COLUMNS}
         self.heard: dict[str, Any] = {}
         self.events: list[str] = []

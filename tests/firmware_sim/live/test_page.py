@@ -25,10 +25,8 @@ from tests.firmware_sim.bench.harness import NAMES
 from tests.firmware_sim.live.harness import CONFIG, make_shown
 
 pytestmark = pytest.mark.browser
-
 PATIENCE_S = 60.0
-START = LiveSettings(enable=True)
-"""The loop's settings once control has begun and nothing is disturbed."""
+START = LiveSettings(enable=True)  # once control has begun and nothing is disturbed
 _WARMTH = """() => {
     const canvas = document.querySelector('#wake canvas');
     const [x, width, height] = [canvas.width >> 1, canvas.width >> 2, Math.floor(canvas.height / 3)];
@@ -44,11 +42,12 @@ _PAINTED = """() => [...document.querySelectorAll('canvas')].every((canvas) => {
     const {data} = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
     return data.some((value) => value > 0);
 })"""
+CHOSEN = {"dead": NAMES[2], "biased": NAMES[0], "controller": "off", "plant": "recording"}
+PRESSED = {"noise": ("End", "1"), "bias": ("Home", "-3"), "loss": ("End", "1"), "delay_ms": ("End", "200")}
 
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[str]:
-    """Its address; in a thread of its own."""
     stop, urls = threading.Event(), Queue[str]()
     serving = serve(make_shown, port=0, is_stopped=stop.is_set, ready=urls.put, report=lambda line: None)
     thread = threading.Thread(target=asyncio.run, args=(serving,))
@@ -118,10 +117,6 @@ def test_a_newcomer_reads_what_is_seen(live):
     upper, lower = live.page.evaluate(_WARMTH)
     assert upper > 20 and lower < -20
     until(lambda: live.page.evaluate(_WARMTH) != [upper, lower])
-
-
-CHOSEN = {"dead": NAMES[2], "biased": NAMES[0], "controller": "off", "plant": "recording"}
-PRESSED = {"noise": ("End", "1"), "bias": ("Home", "-3"), "loss": ("End", "1"), "delay_ms": ("End", "200")}
 
 
 def test_each_control_acts_on_the_loop_by_keyboard_alone(live):

@@ -23,6 +23,15 @@ from tests.examples import examples
 from tests.firmware_sim.bench.harness import NAMES, LiveOscillator, Waves
 from tests.firmware_sim.live.harness import CONFIG, LEAD_IN, Live
 
+_JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=6,
+)
+_KNOWN = st.fixed_dictionaries({}, optional={name: _JSON for name in (*ACTIONS, "id")})
+_NAMES = st.sampled_from(["enable", "controller", "plant", "noise", "dead", "bias", "weights", "babble"])
+_SET = st.fixed_dictionaries({"set": st.dictionaries(_NAMES, _JSON | st.just(10**400), max_size=2)})
+
 
 @pytest.fixture
 def live() -> Live:
@@ -30,8 +39,6 @@ def live() -> Live:
 
 
 class Watched:
-    """The loop under a session: every row and frame of it."""
-
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.rows, self.frames = list[Row](), list[Frame]()
         self._patch = monkeypatch
@@ -52,17 +59,11 @@ class Watched:
 def same_as_a_run(live: Live, watched: Watched, texts: tuple[str, ...]) -> None:
     """What the session has done is, to the bit, the run with these disturbances."""
     periods, frames = len(watched.rows), list[Frame]()
-    again = Simulation(
-        make_bundle(),
-        CONFIG,
-        spans=Spans(lead_in=LEAD_IN, controlled=0.2 * periods - LEAD_IN, settle=0.0, averages=False),
-        controller=Waves(),
-        disturbances=Disturbances.parse(texts),
-    ).run(LiveOscillator(CONFIG), capture=frames.append)
+    spans = Spans(lead_in=LEAD_IN, controlled=0.2 * periods - LEAD_IN, settle=0.0, averages=False)
+    parts: Any = {"controller": Waves(), "disturbances": Disturbances.parse(texts)}
+    again = Simulation(make_bundle(), CONFIG, spans=spans, **parts).run(LiveOscillator(CONFIG), capture=frames.append)
     wired = watched.wired
-    done = RunLog.of(
-        watched.rows, 10, wired.loop.totals(), again.metadata, LiveOscillator.layout, traffic=wired.traffic()
-    )
+    done = RunLog.of(watched.rows, 10, wired.loop.totals(), again.metadata, traffic=wired.traffic())
     for name, values in again.series.items():
         if name != "step_ms":
             np.testing.assert_array_equal(done.series[name], values, err_msg=name)
@@ -94,27 +95,14 @@ def test_what_is_set_disturbs_as_the_same_texts_disturb_a_run(monkeypatch):
     assert (live.state, live.heard["now"]["given_up"]) == ("ARMED", True)
     live.ask(clear=True)
     assert live.run(10).state == "CONTROL"
-    same_as_a_run(
-        live,
-        watched,
-        (
-            "noise:level=0.5@0.3..0.6",
-            "ecu:drop:probability=0.25,at=receive@0.4..0.8",
-            # What stands behind one that changes ends with it, and begins again.
-            "noise:level=0.8@0.6..0.8",
-            f"dead:sensor={NAMES[2]}@0.6..0.8",
-            "vehicle:delay:delay_s=0.05@0.6..1.04",
-            f"dead:sensor={NAMES[2]}@0.8..1.1",
-            "vehicle:babble@0.8..1.04",
-            "ecu:drop:probability=0.3,at=receive@0.8..1.1",
-            # A request that was taken back by "clear all", and by hand; a power cycle, and a time without supply.
-            "no_request@1.1..1.16",
-            "reset@1.5",
-            "no_request@1.9..1.96",
-            "reset:boot_s=0.8@2.16",
-            "no_request@3.36..3.38",
-        ),
-    )
+    texts = ["noise:level=0.5@0.3..0.6", "ecu:drop:probability=0.25,at=receive@0.4..0.8"]
+    # What stands behind one that changes ends with it, and begins again.
+    texts += ["noise:level=0.8@0.6..0.8", f"dead:sensor={NAMES[2]}@0.6..0.8", "vehicle:delay:delay_s=0.05@0.6..1.04"]
+    texts += [f"dead:sensor={NAMES[2]}@0.8..1.1", "vehicle:babble@0.8..1.04"]
+    texts += ["ecu:drop:probability=0.3,at=receive@0.8..1.1"]
+    # A request that was taken back by "clear all", and by hand; a power cycle, and a time without supply.
+    texts += ["no_request@1.1..1.16", "reset@1.5", "no_request@1.9..1.96", "reset:boot_s=0.8@2.16"]
+    same_as_a_run(live, watched, (*texts, "no_request@3.36..3.38"))
 
 
 def test_a_request_by_a_viewer_needs_no_lead_in_and_a_refusal_ends_it():
@@ -277,14 +265,6 @@ def test_paused_it_stands_still_and_still_takes_settings(live):
     assert (live.heard["now"]["run"], live.heard["now"]["paused"]) == (2, True)
 
 
-_JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
-    max_leaves=6,
-)
-_KNOWN = st.sampled_from(["enable", "controller", "plant", "noise", "dead", "bias", "weights", "babble"])
-
-
 @pytest.fixture(scope="module")
 def fuzzed() -> Live:
     return Live().run(1)
@@ -292,14 +272,7 @@ def fuzzed() -> Live:
 
 @pytest.mark.slow  # many requests
 @examples(10)
-@given(
-    requests=st.lists(
-        _JSON
-        | st.fixed_dictionaries({}, optional={name: _JSON for name in (*ACTIONS, "id")})
-        | st.fixed_dictionaries({"set": st.dictionaries(_KNOWN, _JSON | st.just(10**400), max_size=2)}),
-        max_size=4,
-    )
-)
+@given(requests=st.lists(_JSON | _KNOWN | _SET, max_size=4))
 def test_whatever_comes_gets_an_answer(requests: list[Any], fuzzed):
     for request in requests:
         answer = fuzzed.session.handle(request)

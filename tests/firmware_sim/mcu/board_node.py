@@ -6,7 +6,7 @@ from typing import Any
 
 from udsoncan.client import Client
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.tester.asking import Asking
 from can_bridge.tester.sequence import End, Flashed
@@ -22,17 +22,15 @@ from ecu.in_c.c_image import controller_image as image_of
 from ecu.in_c.c_image import read_packed
 from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.board.flash_controller import STM32H743, FlashBank, FlashTimes
-from firmware_sim.mcu.build import EQUIPMENT, Firmware, equipment_header
+from firmware_sim.mcu.build import EQUIPMENT, equipment_header
 from tests.can_bridge.flashing.releases import RELEASE, ROOT
 from tests.can_bridge.flashing.store_ecu import KEY, SECRET
 from tests.can_bridge.tester.line import Line, flash_over
 from tests.ecu.in_c.exported import CONFIG, Exported, Feed
 
 TICK_NS = 1_000_000
-LOOK_NS = 250_000
-"""Between two looks at a bus whose tester asks as fast as it can."""
-QUICK = FlashTimes(erase_ns=20_000_000, word_ns=10_000)
-"""Of a flash for tests in which time has no part."""
+LOOK_NS = 250_000  # between two looks at a bus whose tester asks as fast as it can
+QUICK = FlashTimes(erase_ns=20_000_000, word_ns=10_000)  # for tests in which time has no part
 READ = [bytes.fromhex(text) for text in ("22FD01", "22" + 5 * "FD11", "22F18C", "1902FF", "22" + 16 * "F186", "190A")]
 PATIENCE_NS = 60_000_000
 
@@ -48,9 +46,7 @@ class Built:
         made = equipment_header(signing.public_key(ROOT), SECRET, vehicle, "bench", "0815")
         self.sources, self.own = library, {EQUIPMENT: made}
 
-    def ecu(
-        self, bank: FlashBank | None = None, firmware: Firmware | None = None, times: FlashTimes = STM32H743
-    ) -> BoardEcu:
+    def ecu(self, bank=None, firmware=None, times=STM32H743) -> BoardEcu:
         return BoardEcu(self.sources, own=self.own, bank=bank, firmware=firmware, times=times)
 
     def image(self, name: str, version: int = 1) -> bytes:
@@ -64,18 +60,12 @@ class Built:
 
 
 def on(built: Built, made: BoardEcu, packed: bytes, times: FlashTimes = QUICK) -> BoardEcu:
-    """A board with the firmware of one made before, and a packed flash."""
     return built.ecu(FlashBank.unpack(packed), made.firmware, times)
 
 
 class Traffic:
-    """A board on a bus with a vehicle, that sends pressures and asks for control, and a tester.
-
-    Attributes:
-        vehicle: `asks` may be changed.
-        look_ns: between two looks at the bus.
-        sent: by the board, with the times of their ends.
-    """
+    """A board on a bus with a vehicle, that sends pressures and asks for control, and a tester. Frames that the board
+    has sent have the times of their ends; `look_ns` passes between two looks at the bus."""
 
     def __init__(self, board: BoardEcu, config: Config = CONFIG) -> None:
         self.board, self.vehicle, self.sent = board, Feed(config), list[Frame]()
@@ -90,7 +80,6 @@ class Traffic:
         self._end.send(request)
 
     def look(self) -> list[bytes]:
-        """A step of time; whole answers that came in it."""
         frames = self._end.poll(self.now_ns)
         if self.now_ns >= self._due_ns:
             self._due_ns += CONFIG.period_ns
@@ -157,7 +146,6 @@ class BoardLine(Line):
         return []
 
     def tick(self, until_ns: int) -> list[bytes]:
-        """What has come until then, a millisecond at a time."""
         while (now_ns := self._board.board.counter.now_ns) < until_ns:
             for frame in self._board.advance(min(until_ns, now_ns + TICK_NS), self._end.poll(now_ns)):
                 if frame.identifier == self._response:

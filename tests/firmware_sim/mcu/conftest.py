@@ -22,8 +22,6 @@ def fresh(built) -> BoardEcu:
 
 @pytest.fixture(scope="session")
 def provisioned(built, fresh, tmp_path_factory) -> bytes:
-    """The flash of a board that runs its first release."""
-
     def provision(folder: Path) -> None:
         board = built.ecu(firmware=fresh.firmware, times=QUICK)
         BoardLine(board).provision(keys(), built.image("one"))

@@ -1,5 +1,4 @@
-"""The whole firmware on the emulated board: it gives the host's frames and states, through registers alone, also as
-Arm's GCC builds it from the exported folder."""
+"""The whole firmware on the emulated board: it gives the host's frames and states, also as Arm's GCC builds it."""
 
 import platform
 import re
@@ -36,6 +35,9 @@ fuses = pytest.mark.skipif(
     platform.machine() not in ("x86_64", "AMD64", "arm64", "aarch64") or sys.platform == "win32",
     reason="the control step in float agrees to the bit where the host fuses products as well",
 )
+MISSING = [name for name in ("arm-none-eabi-gcc", "cmake") if shutil.which(name) is None]
+LOST = WINDOW + 6
+WARNINGS = "-Wall -Wextra -Wpedantic -Wconversion -Werror"
 
 
 def host_of(sources) -> CEcu:
@@ -47,9 +49,8 @@ def step_both(board: BoardEcu, host: CEcu, now_ns: int, frames: Iterable[Frame],
     sent = board.step(now_ns, [*more, *frames], health)
     at_ns = now_ns + board.waited_ns
     expected = [replace(one, timestamp_ns=at_ns) for one in host.step(at_ns, list(frames), health)]
-    assert [(one.frame_id, one.data, one.timestamp_ns) for one in sent] == [
-        (one.frame_id, one.data, one.timestamp_ns) for one in expected
-    ]
+    facts = [[(one.frame_id, one.data, one.timestamp_ns) for one in some] for some in (sent, expected)]
+    assert facts[0] == facts[1]
     assert board.differing(host.state) == []
     assert (board.trace.mode, board.trace.action) == (host.trace.mode, host.trace.action)
 
@@ -180,11 +181,6 @@ def test_with_a_key_it_sends_the_hosts_frames_and_its_battery_keeps_the_freshnes
     assert board.state.verifier.freshness > 0
 
 
-MISSING = [name for name in ("arm-none-eabi-gcc", "cmake") if shutil.which(name) is None]
-LOST = WINDOW + 6
-WARNINGS = "-Wall -Wextra -Wpedantic -Wconversion -Werror"
-
-
 def built_by_its_rules(folder: Path) -> Firmware:
     """By the two commands in the head of its CMakeLists.txt, with warnings as errors."""
     rules = (folder / "CMakeLists.txt").read_text()
@@ -195,8 +191,7 @@ def built_by_its_rules(folder: Path) -> Firmware:
     return read_elf((folder / "arm" / "board.elf").read_bytes())
 
 
-# Two builds by CMake. Day by day the firmware runs as clang builds it, and tests/export/to_c/test_library.py shows that
-# GCC takes the library without a warning.
+# Two builds by CMake. Day by day clang builds the firmware, and GCC the library (tests/export/to_c/test_library.py).
 @pytest.mark.proofs
 @pytest.mark.compiler
 @pytest.mark.skipif(bool(MISSING), reason=f"not installed: {', '.join(MISSING)}")

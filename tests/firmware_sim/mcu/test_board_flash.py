@@ -119,19 +119,16 @@ def test_a_supply_that_fails_leaves_what_is_torn(firmware, cut_at):
     assert torn != WORDS[cut_at - 2]
 
 
-@each(
-    "function, address, complaint",
-    [
+def test_what_is_not_modelled_is_an_error_in_one_line(firmware):
+    for function, address, complaint in (
         ("test_store", 0x6000_0000, "the core stopped at 0x8"),
         ("test_store", 0x4000_A010, "no register to write at 0x10"),
         ("test_store", 0x5200_2164, "no register to write at 0x64"),
         ("test_store", 0x4000_A01C, "without INIT and CCE"),
         ("test_byte", 0x4000_A018, "accessed with 1 bytes"),
-    ],
-)
-def test_what_is_not_modelled_is_an_error_in_one_line(firmware, function, address, complaint):
-    with pytest.raises(McuError, match=complaint):
-        Driven(firmware).board.call(function, address)
+    ):
+        with pytest.raises(McuError, match=complaint):
+            Driven(firmware).board.call(function, address)
 
 
 def test_random_numbers_and_the_reset(firmware):

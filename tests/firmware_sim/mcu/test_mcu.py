@@ -23,11 +23,8 @@ from firmware_sim.mcu.measure import verdicts
 from firmware_sim.mcu.pipeline import Pipeline
 
 SMALL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8)
-ODD = random_program(
-    1,
-    model=ModelConfig(window=6, latent=5, lstm_width=13, dynamics_width=29, decoder_width=19),
-    mpc=MpcConfig(horizon=7),
-)
+UNEVEN = ModelConfig(window=6, latent=5, lstm_width=13, dynamics_width=29, decoder_width=19)
+ODD = random_program(1, model=UNEVEN, mpc=MpcConfig(horizon=7))
 
 
 def sources_and_rows(program: ControllerProgram, precision: str, steps: int = 4) -> tuple[dict[str, bytes], np.ndarray]:

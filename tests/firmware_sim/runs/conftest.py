@@ -3,30 +3,23 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from can_bridge.wire.messages import Mode
-from firmware_sim.runs.metadata import RunMetadata
 from firmware_sim.runs.run_log import COLUMNS, BusTotals, BusTraffic, NodeErrors, RunLog
+from firmware_sim.runs.statistics import averages
 
-STEP, LEAD_IN, CONTROLLED = 0.2, 60, 100
-"""t_c, and periods."""
-FREQUENCY = 0.2
-"""Frequency of the lift without control, 1/t_c: a cycle is 25 periods."""
-
-
+STEP, LEAD_IN, CONTROLLED = 0.2, 60, 100  # t_c, and periods
+FREQUENCY = 0.2  # of the lift without control, 1/t_c: a cycle is 25 periods
+NODES = {
+    "vehicle": NodeErrors(state="ERROR_ACTIVE", tx_errors=8, rx_errors=1, bus_off=0, refused=0),
+    "ECU": NodeErrors(state="ERROR_PASSIVE", tx_errors=130, rx_errors=0, bus_off=2, refused=3),
+}
 TRAFFIC = BusTraffic(
-    load=0.3125,
-    frames=4321,
-    error_frames=7,
-    longest_wait_ms={"Pressure": 0.5, "JetCommand": 1.25},
-    nodes={
-        "vehicle": NodeErrors(state="ERROR_ACTIVE", tx_errors=8, rx_errors=1, bus_off=0, refused=0),
-        "ECU": NodeErrors(state="ERROR_PASSIVE", tx_errors=130, rx_errors=0, bus_off=2, refused=3),
-    },
+    load=0.3125, frames=4321, error_frames=7, longest_wait_ms={"Pressure": 0.5, "JetCommand": 1.25}, nodes=NODES
 )
 
 
@@ -45,27 +38,14 @@ def log_of(run_metadata) -> Callable[..., RunLog]:
 
 @pytest.fixture
 def shedding(run_metadata) -> Callable[..., RunLog]:
-    """`shedding_log` with the metadata of an ordinary run."""
     return partial(shedding_log, run_metadata)
 
 
-def shedding_log(
-    metadata: RunMetadata,
-    Cd: npt.ArrayLike = 0.88,
-    Cl: npt.ArrayLike = 0.1,
-    *,
-    action: float = 0.05,
-    modes=None,
-    reasons=None,
-    skipped=(),
-    **changes,
-) -> RunLog:
-    """A run of 160 periods, control requested after 60, settled 20 later.
-
-    Without control Cd is 1.1 and Cl a sine of amplitude 1; under control they are `Cd` and `Cl`, numbers or series, the
-    jets work, and the ECU is in CONTROL. `modes` and `reasons` replace those of the periods they name, counted from the
-    request; `changes` are of the metadata.
-    """
+def shedding_log(metadata, Cd=0.88, Cl=0.1, *, action=0.05, modes=None, reasons=None, skipped=(), **changes) -> RunLog:
+    """A run of 160 periods, control requested after 60, settled 20 later. Without control Cd is 1.1 and Cl a sine of
+    amplitude 1; under control they are `Cd` and `Cl`, numbers or series, the jets work, and the ECU is in CONTROL.
+    `modes` and `reasons` replace those of the periods they name, counted from the request; `changes` are of the
+    metadata."""
     count = LEAD_IN + CONTROLLED
     series = {name: np.zeros(count) for name in COLUMNS} | {"t": STEP * np.arange(float(count))}
     # The sample at the request is still of the wake without control.
@@ -86,3 +66,7 @@ def shedding_log(
     changed = replace(metadata, **{"settle": 4.0, **changes})
     bus = BusTotals(sent=320, lost=1, rejected=2)
     return RunLog(series=series, enabled_at=LEAD_IN, bus=bus, traffic=TRAFFIC, metadata=changed)
+
+
+def averaged(log) -> Any:
+    return averages(log)

@@ -1,30 +1,21 @@
 """Whether control was held, from modes and reasons set by hand."""
 
 from dataclasses import replace
-from typing import Any
 
 from can_bridge.wire.messages import Mode, Reason
 from firmware_sim.runs.control import LatchedFault, control, held_while_averaged, mode_spans, trouble
-from firmware_sim.runs.statistics import averages
-
-
-def averaged(log) -> Any:
-    return averages(log)
+from tests.firmware_sim.runs.conftest import averaged
 
 
 def test_a_fault_is_named_with_reason_time_and_period(shedding):
-    log = shedding(
-        modes=dict.fromkeys(range(2, 100), Mode.FAULT), reasons=dict.fromkeys(range(2, 100), Reason.DEADLINE)
-    )
+    late = range(2, 100)
+    log = shedding(modes=dict.fromkeys(late, Mode.FAULT), reasons=dict.fromkeys(late, Reason.DEADLINE))
     # The jets moved in three of the 99 samples after the request.
     log.series["action"][64:] = 0.0
-    assert control(log).fault == LatchedFault(
-        reason="DEADLINE", t=float(log.series["t"][62]), period=62, after_enable=2
-    )
-    assert trouble(log) == (
-        "ECU FAULT: DEADLINE at t = 12.4 t_c, 2 periods after enable; the jets were shut for 97 % of the controlled "
-        "time."
-    )
+    fault = LatchedFault(reason="DEADLINE", t=float(log.series["t"][62]), period=62, after_enable=2)
+    shut = "the jets were shut for 97 % of the controlled time."
+    assert control(log).fault == fault
+    assert trouble(log) == f"ECU FAULT: DEADLINE at t = 12.4 t_c, 2 periods after enable; {shut}"
     assert not held_while_averaged(log, averaged(log).averaged)
     # One that was cleared is still one, and one before the request is none.
     log = shedding(modes={1: Mode.FAULT, 2: Mode.FAULT}, reasons={1: Reason.STREAM_LOST})

@@ -18,8 +18,21 @@ from tests.firmware_sim.runs.conftest import shedding_log
 from tests.firmware_sim.runs.run_page.test_report import written
 
 pytestmark = pytest.mark.browser
-
 PLACES = {"upper_39": (7.4, 0.5), "lower_39": (7.4, -0.5), "base_0": (7.647, 0.4), "base_9": (7.647, -0.4)}
+BRIGHT = """(canvas) => {
+  // Along the lowest row: behind the body nothing is drawn over the flow.
+  const {width, height} = canvas;
+  const row = canvas.getContext('2d').getImageData(0, height - 3, width, 1).data;
+  let [sum, weight] = [0, 0];
+  for (let x = 0; x < width; x += 1) {
+    const dark = 765 - row[4 * x] - row[4 * x + 1] - row[4 * x + 2];
+    sum += x * dark;
+    weight += dark;
+  }
+  return weight > 1000 ? sum / weight / width : -1;
+}"""
+"""Where the bar of `recorded` stands, as a share of the picture's width; -1 where there is none."""
+CLOSE = 0.03
 
 
 def recorded(times: Array) -> WakeStills:
@@ -56,24 +69,7 @@ def comparison(runs) -> Path:
     return write_comparison(runs, runs[0].path.parent / "compare.html")
 
 
-BRIGHT = """(canvas) => {
-  // Along the lowest row: behind the body nothing is drawn over the flow.
-  const {width, height} = canvas;
-  const row = canvas.getContext('2d').getImageData(0, height - 3, width, 1).data;
-  let [sum, weight] = [0, 0];
-  for (let x = 0; x < width; x += 1) {
-    const dark = 765 - row[4 * x] - row[4 * x + 1] - row[4 * x + 2];
-    sum += x * dark;
-    weight += dark;
-  }
-  return weight > 1000 ? sum / weight / width : -1;
-}"""
-"""Where the bar of `recorded` stands, as a share of the picture's width; -1 where there is none."""
-CLOSE = 0.03
-
-
 def stands_at(seen: Visit, canvas: str, period: int) -> None:
-    """Wait until the picture is of this period."""
     until(seen, f"Math.abs(({BRIGHT})(document.querySelector('{canvas}')) - {(2 * period + 8) / 480}) < {CLOSE}")
 
 

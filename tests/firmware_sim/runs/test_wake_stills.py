@@ -15,7 +15,6 @@ SCENE = Scene(view=(4.5, 16.5, -2.25, 2.25), size=(96, 36), sensors={"base_0": (
 
 
 def street(k: int) -> np.ndarray:
-    """Levels of a row of vortices that moves on, as int8."""
     x, y = np.meshgrid(np.arange(96.0), np.arange(36.0))
     total = np.zeros_like(x)
     for i in range(6):

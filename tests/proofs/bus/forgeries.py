@@ -31,7 +31,6 @@ class _Scene:
     sent: dict[str, list[Frame]] = field(default_factory=dict)
 
     def genuine(self, spec: MessageSpec) -> Frame:
-        """The next frame of a message, from its sender."""
         frame = secure(self.plain(spec), spec, self.key, Freshness(count=self.number))
         self.sent.setdefault(spec.name, []).append(frame)
         return frame

@@ -7,6 +7,7 @@ ones; only the system's call that would hand over a datagram or bytes is ours.
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import count
+from operator import attrgetter
 from queue import SimpleQueue
 from random import Random
 from types import SimpleNamespace
@@ -35,19 +36,13 @@ from tests.can_bridge.bus.backends.peers import ScriptedBus
 from tests.proofs.command_line import max_rss_kib
 from tests.proofs.release import damage
 
-BATCH: Final = 50
-"""Receptions between two collections, a tenth of them genuine."""
+BATCH: Final = 50  # receptions between two collections, a tenth of them genuine
 GENUINE: Final = 5
-WARM_UP: Final = 0.1
-"""Share of the frames before memory is looked at for the first time: until then it fills what it keeps."""
-
-_SENDER: Final = ("127.0.0.1", 1)
-_E2E: Final = E2eConfig()
 MESSAGES: Final = [
     message for used in (FD, CLASSIC, SECURED) for message in (used.pressure, used.speed, used.command, used.status)
 ]
 KEY: Final = Key(bytes(range(KEY_LENGTH)))
-"""The key of the secured messages."""
+_content: Final = attrgetter("frame_id", "data", "is_fd")
 
 
 class ReceivePath:
@@ -57,10 +52,10 @@ class ReceivePath:
     def __init__(self) -> None:
         self._datagrams, self._port, self._messages = _FedUdpBus(), _FedPort(), ScriptedBus([])
         self._lines = _FedSlcanBus(self._port)
-        self.udp, self.slcan = PythonCanBus(self._datagrams), PythonCanBus(self._lines)
-        self.driver = PythonCanBus(self._messages, linux_error_frames=True)
-        self.buses = (self.udp, self.slcan, self.driver)
-        self._messages_in = [(E2eReceiver(message.spec, _E2E), message.parse) for message in MESSAGES]
+        self._udp, self._slcan = PythonCanBus(self._datagrams), PythonCanBus(self._lines)
+        self._driver = PythonCanBus(self._messages, linux_error_frames=True)
+        self.buses = (self._udp, self._slcan, self._driver)
+        self._messages_in = [(E2eReceiver(message.spec, E2eConfig()), message.parse) for message in MESSAGES]
         self._verifiers = {message.spec: VerifierState() for message in MESSAGES if message.spec.is_secured}
         self.authentic: list[Frame] = []
         self._time = 0.0
@@ -69,26 +64,20 @@ class ReceivePath:
         """Datagrams a second apart, so that none passes for another's copy."""
         for content in contents:
             self._time += 1.0
-            self._datagrams.waiting.append((content, _SENDER, self._time))
-        return self._followed(self.udp, len(self._datagrams.waiting))
+            self._datagrams.waiting.append((content, ("127.0.0.1", 1), self._time))
+        return self._followed(self._udp, len(self._datagrams.waiting))
 
     def lines(self, content: bytes) -> list[Frame]:
         """Bytes of a serial line, whole lines or not."""
         self._port.waiting += content
-        frames = self._followed(self.slcan)
-        if self._lines.is_left_over:
+        frames = self._followed(self._slcan)
+        if self._port.waiting or len(self._lines._buffer) > LINE_LIMIT:
             raise AssertionError("serial bytes were left over")
         return frames
 
     def messages(self, contents: Iterable[can.Message]) -> list[Frame]:
-        """Messages as any driver of python-can's may give them."""
         self._messages.script.extend(contents)
-        return self._followed(self.driver, len(self._messages.script))
-
-    def totals(self) -> tuple[int, dict[Rejection, int]]:
-        """Frames accepted by the three buses, and receptions refused by reason."""
-        refused = {reason: sum(bus.rejected[reason] for bus in self.buses) for reason in Rejection}
-        return sum(bus.accepted for bus in self.buses), refused
+        return self._followed(self._driver, len(self._messages.script))
 
     def _followed(self, bus: PythonCanBus, fed: int | None = None) -> list[Frame]:
         """All frames that came, after end-to-end check and parser; AssertionError where the books do not balance. `fed`
@@ -116,7 +105,6 @@ class ReceivePath:
         return frames
 
     def _authenticated(self, frames: list[Frame], spec: MessageSpec) -> Sequence[Frame]:
-        """Those that a message's end-to-end check gets to see."""
         if spec not in self._verifiers:
             return frames
         self._verifiers[spec], passed, _ = verified(self._verifiers[spec], frames, spec=spec, key=KEY)
@@ -160,11 +148,6 @@ class _FedSlcanBus(SlcanBus):
         self._buffer, self._queue = bytearray(), SimpleQueue[str]()
         can.BusABC.shutdown(self)
 
-    @property
-    def is_left_over(self) -> bool:
-        """Whether more bytes wait than a line may have."""
-        return bool(self.serialPortOrig.waiting) or len(self._buffer) > LINE_LIMIT
-
 
 def measure(*, frames: int = 300_000, seed: int = 0) -> dict[str, Any]:
     """Feed datagrams, serial lines and drivers' messages in turn, a tenth of them genuine and the others made up.
@@ -190,13 +173,13 @@ def measure(*, frames: int = 300_000, seed: int = 0) -> dict[str, Any]:
         # What is made up is made from this batch's frames: no other authentic content can be in it.
         made_up += len({frame.data for frame in path.authentic} - {frame.data for frame in sound})
         path.authentic.clear()
-        if batch == int(WARM_UP * batches):
+        if batch == batches // 10:  # until then memory fills with what is kept
             rss_before = max_rss_kib()
-    accepted, rejected = path.totals()
+    rejected = {reason.value: sum(bus.rejected[reason] for bus in path.buses) for reason in Rejection}
     return {
         "fuzz_frames": sum(bus.received for bus in path.buses),
-        "accepted": accepted,
-        "rejected": {reason.value: count for reason, count in rejected.items() if count},
+        "accepted": sum(bus.accepted for bus in path.buses),
+        "rejected": {reason: count for reason, count in rejected.items() if count},
         "genuine": batches * GENUINE,
         "genuine_lost": lost,
         "authentic": authentic,
@@ -205,10 +188,6 @@ def measure(*, frames: int = 300_000, seed: int = 0) -> dict[str, Any]:
         "failures": failures[:10],
         "max_rss_growth_kib": max_rss_kib() - rss_before,
     }
-
-
-def _content(frame: Frame) -> tuple[int, bytes, bool]:
-    return frame.frame_id, frame.data, frame.is_fd
 
 
 def _genuine_frames() -> Iterator[Frame]:
@@ -268,7 +247,6 @@ def odd_value(rng: Random) -> Any:
 
 
 def any_datagram(rng: Random, sound: bytes) -> bytes:
-    """Anything: noise, a sound one with damaged bytes, or one with damaged values."""
     kind = rng.randrange(4)
     if kind == 0:
         return rng.randbytes(rng.randrange(200))
@@ -284,7 +262,6 @@ def any_datagram(rng: Random, sound: bytes) -> bytes:
 
 
 def any_line(rng: Random, sound: bytes) -> bytes:
-    """Anything, mostly with an end: noise, a damaged line, a line of another kind."""
     kind = rng.randrange(4)
     if kind == 0:
         return rng.randbytes(rng.randrange(40)) + b"\r"
@@ -297,7 +274,6 @@ def any_line(rng: Random, sound: bytes) -> bytes:
 
 
 def any_message(rng: Random) -> can.Message:
-    """A message of python-can's with any flags, and now and then a value of another type."""
     fields: dict[str, Any] = {
         "arbitration_id": rng.randrange(0x800) if rng.random() < 0.8 else rng.randrange(2**32),
         "is_extended_id": rng.random() < 0.2,

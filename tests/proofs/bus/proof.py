@@ -1,9 +1,4 @@
-"""What is done to the bus on purpose, in one file of figures.
-
-    python -m tests.proofs bus --json results/bus.json
-
-Each part is a function `measure`; `--part` runs some of them, for a look.
-"""
+"""What is done to the bus on purpose, in one file of figures; `--part` runs some parts of it, for a look."""
 
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Final

@@ -1,7 +1,5 @@
 """An ECU and a vehicle against a hostile bus, clock and controller, by chance, a million control periods long.
 
-    python -m tests.proofs hostile --steps 1000000 --json results/hostile.json
-
 Whether a promise is kept is judged from outside, see `promises`. The same seed and number of steps give the same
 periods on one process as on many.
 """
@@ -25,21 +23,18 @@ SETTINGS: Final = {
     "patient": EcuConfig(hold_periods=3, decay_periods=3, loss_limit=50, deadline_misses=11, rearm_frames=1),
     "impatient": EcuConfig(hold_periods=0, decay_periods=0, loss_window=10, loss_limit=2, pressure_age=1.0),
 }
-"""Settings of the ECU, in turn."""
-STRETCH: Final = 5_000
-"""Periods in which one pair of nodes lives; each stretch has a seed of its own."""
+STRETCH: Final = 5_000  # periods in which one pair of nodes lives; each stretch has a seed of its own
 
 
 class Stretch(NamedTuple):
-    """What one stretch came to: how often each promise was broken, the ECU's steps in each mode, periods in which the
-    jets ran, the first violations in words, and the largest memory of the process so far."""
+    """What one stretch came to."""
 
     periods: int
-    broken: Counter[str]
-    modes: Counter[str]
-    driven: int
-    first: list[str]
-    rss_kib: int
+    broken: Counter[str]  # how often each promise was
+    modes: Counter[str]  # the ECU's steps in each
+    driven: int  # periods in which the jets ran
+    first: list[str]  # violations in words
+    rss_kib: int  # of the process so far, at most
 
 
 def stretch(part: range, *, seed: int) -> Stretch:

@@ -67,41 +67,30 @@ class HostileController:
 START_NS: Final = 10**12
 FATES: Final = ("pass", "lost", "late1", "late2", "late3", "twice", "flipped", "short", "replayed", "foreign")
 """Fates of a frame on its way; `replayed` and `foreign` add one to it."""
-KEPT: Final = 100
-"""Old frames that can be replayed."""
+KEPT: Final = 100  # old frames that can be replayed
 
 
 @dataclass(frozen=True, kw_only=True)
 class Events:
-    """What happens in one control period.
-
-    Attributes:
-        pressure, command: fates of the two frames.
-        queued_ns: how long the pressure frame waited where its receiver knows of it.
-        elapsed_ns: what the ECU's clock makes of the time since its step before.
-        bus_off: its CAN controller is; `unseen` if it has recovered before the step.
-        deed, value: what the controller does, see `HostileController`.
-        chance: seed of where bits flip and which frame comes again.
-    """
+    """What happens in one control period."""
 
     request: bool = True
-    pressure: str = "pass"
+    pressure: str = "pass"  # fate of the frame, of `FATES`
     command: str = "pass"
     valid: bool = True
-    queued_ns: int = 1_000_000
-    elapsed_ns: int = 20_000_000
+    queued_ns: int = 1_000_000  # the pressure frame waited where its receiver knows of it
+    elapsed_ns: int = 20_000_000  # what the ECU's clock makes of the time since its step before
     steps: bool = True
-    bus_off: bool = False
-    unseen: bool = False
-    deed: str = "swing"
+    bus_off: bool = False  # the ECU's CAN controller is
+    unseen: bool = False  # it has recovered before the step
+    deed: str = "swing"  # of the controller, see `HostileController`
     value: float = 0.05
     reset_ecu: bool = False
     reset_vehicle: bool = False
-    chance: int = 0
+    chance: int = 0  # seed of where bits flip and which frame comes again
 
 
-CALM: Final = [Events(request=k > 0) for k in range(10)]
-"""Into control: the request rises with the second frame."""
+CALM: Final = [Events(request=k > 0) for k in range(10)]  # into control: the request rises with the second frame
 
 
 class Path:
@@ -214,11 +203,9 @@ class World:
         self._health = BusHealth(state=state, bus_off=count)
         self._controller.prepare(events.deed, events.value)
         answers = self.ecu.step(now_ns, [item.frame for item in pressures], self._health)
-        bus_off = state is BusState.BUS_OFF or count > before.bus_off
-        bad_answer = self._controller.called and events.deed in BAD
-        return seen._replace(
-            now_ns=now_ns, pressures=pressures, answers=answers, bus_off=bus_off, bad_answer=bad_answer
-        )
+        off = state is BusState.BUS_OFF or count > before.bus_off
+        bad = self._controller.called and events.deed in BAD
+        return seen._replace(now_ns=now_ns, pressures=pressures, answers=answers, bus_off=off, bad_answer=bad)
 
 
 def small_bundle(config: Config) -> Bundle:
@@ -236,15 +223,13 @@ PERIOD_NS: Final = 20_000_000
 
 
 class RandomEvents:
-    """Periods drawn from a seed: stretches of calm and of hostile times, with losses in bursts. A stated hostility,
-    from 0 to 1, is kept throughout; otherwise it changes."""
+    """Periods drawn from a seed: calm and hostile times, with losses in bursts. A stated hostility, 0 to 1, is kept."""
 
     def __init__(self, seed: int | str, hostility: float | None = None) -> None:
         self._rng, self._request, self._fixed, self.hostility = Random(seed), False, hostility, hostility or 0.0
         self._burst: list[str] = []
 
     def next(self, now_ns: int) -> Events:
-        """The next period's; `now_ns` of the ECU's clock."""
         rng = self._rng
         if self._fixed is None and rng.random() < 1 / 300:
             self.hostility = rng.choice((0.0, 0.003, 0.01, 0.03, 0.1, 0.4))

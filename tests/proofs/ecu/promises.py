@@ -34,8 +34,7 @@ def read(frame: Frame, name: str) -> dict[str, Any] | None:
 
 MODES: Final = ("OFF", "WARMUP", "CONTROL", "HOLD", "DECAY", "FAULT")
 DRIVING: Final = (2, 3, 4)
-OFF, WARMUP, CONTROL, HOLD, DECAY, FAULT = range(6)
-"""As in the DBC's table of modes."""
+OFF, WARMUP, CONTROL, HOLD, DECAY, FAULT = range(6)  # as in the DBC's table of modes
 
 PROMISES: Final = {
     "exceptions": "no exception leaves the ECU's step or the vehicle's node",
@@ -46,14 +45,11 @@ PROMISES: Final = {
     "clock": "shut in a step at which time stood still, went back or was negative",
     "bus-off": "shut while the CAN controller is bus-off and in the first step after",
     "controller": "shut, and FAULT, in a step in which the controller gave no finite plan",
-    "fresh pressures": "a command in CONTROL echoes a sound frame of this step, with the request, of pressures that "
-    "are fresh enough",
-    "held pressures": "a command in HOLD is the one before, in DECAY half of it, and its pressures are within their "
-    "longer budget",
+    "fresh pressures": "a command in CONTROL echoes a sound frame of this step, with the request, of fresh pressures",
+    "held pressures": "a command in HOLD is the one before, in DECAY half of it, by pressures in their longer budget",
     "loss limits": "while control is wanted, fewer than the limit of the latest periods have no usable frame, and no "
     "more than hold and decay in a row",
-    "re-arming": "FAULT ends in a step with the request, after enough usable frames in a row, the request low "
-    "since it began",
+    "re-arming": "FAULT ends with the request, after enough usable frames in a row, the request low since it began",
     "power-on": "after a reset nothing is driven before the request was seen low and then raised",
     "reasons": "FAULT and jets that are shut in a driving mode have a Reason, CONTROL has none",
     "counts": "the status counts each period without a usable frame, and no count falls",
@@ -69,35 +65,25 @@ PROMISES: Final = {
 
 
 class Delivered(NamedTuple):
-    """A frame as it came out of the bus, with its receiver's time, and the period in which the vehicle sampled the
-    pressures behind it; None if it never did."""
+    """A frame as it came out of the bus, with its receiver's time."""
 
     frame: Frame
-    sampled: int | None
+    sampled: int | None  # the period in which the vehicle sampled the pressures behind it; None if it never did
 
 
 class Seen(NamedTuple):
-    """One control period, as somebody sees it who watches the wires.
-
-    Attributes:
-        now_ns: of the ECU's step; None if it did not step.
-        pressures: what the ECU received since its step before.
-        bus_off: its CAN controller is, or was since the step before.
-        bad_answer: its controller gave no finite plan in this step.
-        commands: what the vehicle received, with what they rest on.
-        action: of the jets, U_inf W.
-    """
+    """One control period, as somebody sees it who watches the wires."""
 
     period: int
     request: bool
     reset_vehicle: bool = False
-    now_ns: int | None = None
-    pressures: Sequence[Delivered] = ()
+    now_ns: int | None = None  # of the ECU's step; None if it did not step
+    pressures: Sequence[Delivered] = ()  # that the ECU received since its step before
     answers: Sequence[Frame] = ()
-    bus_off: bool = False
-    bad_answer: bool = False
-    commands: Sequence[Delivered] = ()
-    action: float = 0.0
+    bus_off: bool = False  # the ECU's CAN controller is, or was since the step before
+    bad_answer: bool = False  # its controller gave no finite plan in this step
+    commands: Sequence[Delivered] = ()  # that the vehicle received, with what they rest on
+    action: float = 0.0  # of the jets, U_inf W
     error: BaseException | None = None
 
 
@@ -258,7 +244,6 @@ class VehicleJudge:
         self._reset_at: int | None = None
 
     def judge(self, seen: Seen) -> Iterator[str]:
-        """Names of the promises that a period has broken."""
         if seen.reset_vehicle:
             self._reset_at = seen.period
             self._jets.reset()

@@ -1,10 +1,14 @@
-"""The judges of the hostile bus find each defect that is planted, and none where there is none."""
+"""The judges of the hostile bus find each defect that is planted, and none where there is none: in no story that
+hypothesis can think of.
+"""
 
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from can_bridge.command_gate import GatedCommand, Intervention
 from can_bridge.e2e.sender import SenderState
@@ -17,15 +21,15 @@ from ecu.fail_safe import FailSafe, OperatingMode
 from ecu.pressure_reception import PressureReception
 from ecu.timing import StepTiming
 from firmware_sim.bench.vehicle_node import EchoTracker, VehicleNode
-from tests.proofs.ecu import hostile
+from tests.examples import examples
+from tests.proofs.ecu import hostile, hostile_world
 from tests.proofs.ecu.hostile_world import CALM, Events, RandomEvents, World
 from tests.proofs.ecu.promises import PROMISES
 
 CONFIG = Config()
 SWINGS = [Events(value=value) for value in (0.15, -0.15) * 3]
 LOST = [Events(pressure="lost")] * 5
-HALF_LOST = [Events(pressure="lost" if k % 2 else "pass") for k in range(70)]
-"""In a pattern, so that none is lost in a row."""
+HALF_LOST = [Events(pressure="lost" if k % 2 else "pass") for k in range(70)]  # none in a row
 OLD = [*[Events(command="late3")] * 12, *[Events(command="late3", pressure="lost")] * 3, *[Events(command="late3")] * 5]
 """Commands come three periods late, and then rest on pressures of three periods before them."""
 STORIES = {
@@ -111,17 +115,20 @@ def always_wanted(self, *args, sample=VehicleNode.sample, **kwargs):
     return frame
 
 
-def instead(old: OperatingMode, new: OperatingMode, mode: OperatingMode) -> OperatingMode:
-    return new if mode is old else mode
+def without_a_fault(self, *args, after=StepTiming.next):
+    return replace(after(self, *args), fault=None)
 
 
-HOLD, DECAY, CONTROL, FAULT = OperatingMode.HOLD, OperatingMode.DECAY, OperatingMode.CONTROL, OperatingMode.FAULT
+def held_in_decay(self, mode, memory, of=ecu.Ecu._decide):
+    return of(self, OperatingMode.HOLD if mode is OperatingMode.DECAY else mode, memory)
+
+
+def control_in_fault(mode, period, taken=fail_safe.taken):
+    return taken(OperatingMode.CONTROL if mode is OperatingMode.FAULT else mode, period)
+
+
 TAKEN_AWAY: tuple[tuple[str, *tuple[tuple[Any, str, Any], ...]], ...] = (
-    (
-        "clock",
-        (StepTiming, "next", lambda self, *args, after=StepTiming.next: replace(after(self, *args), fault=None)),
-        (ecu, "gate", no_gate),
-    ),
+    ("clock", (StepTiming, "next", without_a_fault), (ecu, "gate", no_gate)),
     ("bus-off", (ecu, "_bus_fault", lambda before, now: None)),
     ("controller", (controller_memory, "_checked", lambda name, values, shape: np.zeros(shape))),
     ("power-on", (ecu_state, "FailSafe", lambda: FailSafe(mode=OperatingMode.ARMED, enable_request=False))),
@@ -130,19 +137,9 @@ TAKEN_AWAY: tuple[tuple[str, *tuple[tuple[Any, str, Any], ...]], ...] = (
     ("counts", status_with(lambda state: replace(state, missed=0))),
     ("frames", (SenderState, "next", lambda self, spec: self)),
     ("exceptions", (controller_memory, "Exception", ZeroDivisionError)),
-    (
-        "held pressures",
-        (
-            ecu.Ecu,
-            "_decide",
-            lambda self, mode, memory, of=ecu.Ecu._decide: of(self, instead(DECAY, HOLD, mode), memory),
-        ),
-    ),
+    ("held pressures", (ecu.Ecu, "_decide", held_in_decay)),
     ("fresh pressures", (PressureReception, "of", one_ahead)),
-    (
-        "re-arming",
-        (fail_safe, "taken", lambda mode, period, taken=fail_safe.taken: taken(instead(FAULT, CONTROL, mode), period)),
-    ),
+    ("re-arming", (fail_safe, "taken", control_in_fault)),
     ("vehicle: request", (VehicleNode, "sample", always_wanted)),
     ("vehicle: doubt", (EchoTracker, "age", property(lambda self: 0))),
 )
@@ -172,3 +169,31 @@ def test_the_same_seed_is_the_same_and_what_is_broken_is_reported_with_its_stret
     # The first step's counter is right.
     assert figures["violations"] >= figures["broken"]["frames"] == 49
     assert figures["first_violations"][0] == "stretch 0 (as they are), period 1: frames"
+
+
+CLOCK_NS = st.sampled_from(hostile_world.JUMPS_NS) | st.sampled_from(hostile_world.UNEVEN_NS)
+ODD: dict[str, st.SearchStrategy[Any]] = {
+    **dict.fromkeys(("pressure", "command"), st.sampled_from(hostile_world.FATES)),
+    **dict.fromkeys(("valid", "steps"), st.just(False)),
+    **dict.fromkeys(("bus_off", "reset_ecu", "reset_vehicle"), st.just(True)),
+    "queued_ns": st.sampled_from(hostile_world.QUEUED_NS),
+    "deed": st.sampled_from(hostile_world.GOOD + hostile_world.BAD),
+    "elapsed_ns": CLOCK_NS | st.integers(-(10**12), 10**14),
+}
+COMMON: dict[str, st.SearchStrategy[Any]] = {
+    **{"request": st.booleans(), "value": st.floats(-0.2, 0.2), "unseen": st.booleans()},
+    "chance": st.integers(0, 2**32 - 1),
+}
+ONE = st.one_of(st.builds(Events, **COMMON), *(st.builds(Events, **COMMON, **{name: ODD[name]}) for name in ODD))
+STRETCHES = st.tuples(st.integers(1, 8), ONE)  # some periods each; what is not named is in order
+SETTINGS = {"hold_periods": st.integers(0, 2), "decay_periods": st.integers(0, 2), "rearm_frames": st.integers(1, 5)}
+
+
+@pytest.mark.slow  # a thousand periods and more
+@given(st.fixed_dictionaries(SETTINGS), st.booleans(), st.lists(STRETCHES, max_size=20))
+@examples(40)
+def test_no_story_that_hypothesis_finds_breaks_a_promise(limits, plan_ahead, stretches):
+    world = World(Config(ecu=EcuConfig(plan_ahead=plan_ahead, **limits)))
+    story = [replace(one, chance=one.chance + k) for periods, one in stretches for k in range(periods)]
+    for events in [*CALM, *story]:
+        assert world.period(events) == [], world.seen

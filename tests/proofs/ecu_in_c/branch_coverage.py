@@ -14,7 +14,6 @@ from tests.proofs.ecu_in_c.library import EXACT, Layout, ecu_files, sources
 from tests.proofs.ecu_in_c.variants import VARIANTS
 
 REPLAY: Final = "twin_replay.c"
-_OWN: Final = ("twin.c", REPLAY)
 EXCLUDED: Final = {
     ("sw_ecu.c", "(interventions & SW_GATED_NOT_FINITE) != 0"): "no plan that is not finite gets as far as the gate",
     ("sw_ecu.c", "status == SW_OK ? SW_REASON_NONE : SW_REASON_INTERNAL"): "the networks' stand-in knows its answer",
@@ -32,9 +31,8 @@ def is_possible() -> bool:
 def replay_program(
     name: str, folder: Path, flags: Sequence[str], contents: Mapping[str, bytes] | None = None
 ) -> tuple[Path, Path]:
-    """A program that lives through recorded periods of a variant, and its file of what is compared. The ECU's sources
-    stand in `folder`/src for all variants, so that what is found of them can be added up; the headers of each variant
-    stand in a folder of its own."""
+    """A program that lives through recorded periods of a variant, and its file of what is compared. All variants share
+    the ECU's sources in `folder`/src, so that what is found of them can be added up, and have headers of their own."""
     contents = sources(VARIANTS[name]) if contents is None else contents
     common, own = folder / "src", folder / name.replace(" ", "_").replace(",", "")
     common.mkdir(exist_ok=True)
@@ -62,8 +60,7 @@ def measured(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> dict[st
             periods = program.with_name("periods")
             periods.write_bytes(item)
             subprocess.run([program, compared, periods], capture_output=True, check=True)
-    excluded = [option for name in _OWN for option in ("--exclude", f".*{name}")]
-    found = branches(folder / "src", str(folder), *excluded)
+    found = branches(folder / "src", str(folder), "--exclude", ".*twin.c", "--exclude", f".*{REPLAY}")
     each = [(f"{file}:{at}", count) for file, at, counts in found for count in counts]
     never = [name for name, count in each if count == 0]
     missed = without_reason(never, EXCLUDED)

@@ -16,22 +16,18 @@ from tests.proofs.ecu_in_c.python_twin import Answers, Period, PythonTwin
 from tests.proofs.ecu_in_c.traffic import EDGES, Traffic
 from tests.proofs.ecu_in_c.variants import VARIANTS
 
-MOVED: Final = 0.3
-"""Periods that start from a state near an edge, in stretches with an odd seed."""
-NEARLY_ALL: Final = 0.8
-"""The same in recordings, which are to be sharp and short."""
 MOVED_SEEDS: Final = tuple("13579")
-CHUNK: Final = 1_000
-"""Periods that are recorded before C lives through them."""
+MOVED: Final = 0.3  # periods that start from a state near an edge, in stretches with an odd seed
+NEARLY_ALL: Final = 0.8  # the same in recordings, which are to be sharp and short
+CHUNK: Final = 1_000  # periods that are recorded before C lives through them
 
 
 class Stretch(NamedTuple):
-    """Steps lived through by both, the first mismatch, at which it ended (variant, seed, period, and fields that differ
-    with both values), and periods in each operating mode."""
+    """What was lived through by both."""
 
     steps: int
-    mismatch: str | None
-    modes: Counter[str]
+    mismatch: str | None  # at which it ended: variant, seed, period, and fields that differ with both values
+    modes: Counter[str]  # periods in each operating mode
 
 
 def build(name: str, folder: Path) -> Library:
@@ -48,7 +44,7 @@ def recorded(
     twin: PythonTwin, periods: Iterator[Period], count: int, edges: Edges | None, rng: Random, moved: float = MOVED
 ) -> tuple[Any, Counter[str]]:
     """So many periods of the Python ECU, moved by `edges` now and then, as an array of `twin_period`, and its modes."""
-    room, modes = twin.layout.periods(count), Counter[str]()
+    room, modes = twin.layout.ffi.new("twin_period[]", count), Counter[str]()
     for place, period in zip(room, islice(periods, count), strict=True):
         if edges is not None and rng.random() < moved:
             state = twin.power_on if period.restarts else twin.ecu.state

@@ -26,20 +26,18 @@ from ecu.fail_safe import OperatingMode
 from ecu.pressure_reception import SILENCE_NS, OtherEcu
 from ecu.speed_reception import AirSpeedState
 from ecu.timing import LATEST_NS
-from tests.proofs.ecu_in_c.drive import edges
+from tests.proofs.ecu_in_c.senders import edges
 
-LARGEST: Final = 2**32 - 1
-"""A count in C."""
+LARGEST: Final = 2**32 - 1  # a count in C
 
 
 class Edges:
-    """Moves states to where something changes."""
-
     def __init__(self, config: Config, rng: Random) -> None:
         self._config, self._rng = config, rng
         self._limits = GateLimits.from_config(config)
         self._flow_scale = config.operating_point.flow_rate_scale
         self._counters = profile_of(message_set(config.bus).pressure.spec).counter_period
+        self._longest = config.ecu.hold_periods + config.ecu.decay_periods
 
     def near(self, state: EcuState, now_ns: int) -> EcuState:
         """A state like this one before a step at `now_ns`, some of its parts moved."""
@@ -48,17 +46,11 @@ class Edges:
         if self._rng.random() < 0.3:
             return self._held(state, now_ns)
         moves = (
-            self._fail_safe,
-            lambda state, _: replace(state, pressures=self._received(state.pressures)),
-            self._timing,
-            self._memory,
-            self._pressures,
-            self._counts,
-            self._company,
-            self._benefit,
+            self._fail_safe, lambda state, _: replace(state, pressures=self._received(state.pressures)), self._timing,
+            self._memory, self._pressures, self._counts, self._company, self._benefit,
             *([] if state.memory.past is None else [self._speed]),
             *([self._authentication] if self._config.bus.key else []),
-        )
+        )  # fmt: skip
         for move in self._rng.sample(moves, self._rng.randrange(1, 4)):
             state = move(state, now_ns)
         return state
@@ -74,11 +66,11 @@ class Edges:
         rng, ecu = self._rng, self._config.ecu
         # At power-on the request may rise long before pressures are usable; no loss is counted before it does.
         mode = OperatingMode.INIT if rng.random() < 0.15 else rng.choice(list(OperatingMode))
-        starts, longest = mode is OperatingMode.INIT, ecu.hold_periods + ecu.decay_periods
+        starts = mode is OperatingMode.INIT
         changed = replace(
             state.fail_safe,
             mode=mode,
-            misses=rng.choice((0, self._around(ecu.hold_periods), self._around(longest + 2 * starts))),
+            misses=rng.choice((0, self._around(ecu.hold_periods), self._around(self._longest + 2 * starts))),
             good=rng.choice((0, self._around(ecu.rearm_frames), LARGEST)),
             lost=0 if starts else self._bits(ecu.loss_window, ecu.loss_limit),
             reason=rng.choice(list(Reason)),
@@ -87,7 +79,6 @@ class Edges:
         return replace(state, fail_safe=changed)
 
     def _authentication(self, state: EcuState, _: int) -> EcuState:
-        """Counts at their ends, and a freshness next to the latest frames'."""
         rng, ends = self._rng, (0, LARGEST - 1, LARGEST)
         freshness = Freshness(trip=rng.choice((1, state.freshness.trip, LARGEST)), count=rng.choice((1, *ends)))
         speed = replace(state.speed, verifier=self._verifier(state.speed.verifier))
@@ -114,9 +105,7 @@ class Edges:
 
     def _timing(self, state: EcuState, now_ns: int) -> EcuState:
         rng, ecu, period = self._rng, self._config.ecu, self._config.period_ns
-        elapsed = rng.choice(
-            (period, period // 2, 3 * period // 2, 0, 1, (ecu.hold_periods + ecu.decay_periods) * period)
-        )
+        elapsed = rng.choice((period, period // 2, 3 * period // 2, 0, 1, self._longest * period))
         step_ns = max(-1, min(LATEST_NS, now_ns - elapsed - rng.randrange(-2, 3)))
         changed = replace(
             state.timing,
@@ -155,18 +144,12 @@ class Edges:
 
     def _held(self, state: EcuState, now_ns: int) -> EcuState:
         """On time and in control up to now, by pressures at one of their largest ages."""
-        rng, ecu = self._rng, self._config.ecu
-        fail_safe = replace(
-            state.fail_safe,
-            mode=rng.choice((OperatingMode.CONTROL, OperatingMode.HOLD, OperatingMode.DECAY)),
-            misses=rng.randrange(max(1, ecu.hold_periods + ecu.decay_periods)),
-            lost=0,
-            enable_request=True,
-        )
-        elapsed = self._config.period_ns - rng.choice((0, 0, self._config.period_ns // 4))
-        timing = replace(
-            state.timing, step_ns=max(-1, min(LATEST_NS, now_ns - elapsed)), lag_ns=0, off_time=0, fault=None
-        )
+        rng, period_ns = self._rng, self._config.period_ns
+        mode = rng.choice((OperatingMode.CONTROL, OperatingMode.HOLD, OperatingMode.DECAY))
+        misses = rng.randrange(max(1, self._longest))
+        fail_safe = replace(state.fail_safe, mode=mode, misses=misses, lost=0, enable_request=True)
+        step_ns = max(-1, min(LATEST_NS, now_ns - period_ns + rng.choice((0, 0, period_ns // 4))))
+        timing = replace(state.timing, step_ns=step_ns, lag_ns=0, off_time=0, fault=None)
         moved = replace(state, fail_safe=fail_safe, timing=timing, other_ecu=OtherEcu())
         if state.memory.past is not None:
             moved = self._speed(moved, now_ns)
@@ -185,12 +168,10 @@ class Edges:
         return replace(moved, speed=speed, memory=memory, sensors=replace(moved.sensors, set_aside=None))
 
     def _memory(self, state: EcuState, _: int) -> EcuState:
-        rng, ecu, limit = self._rng, self._config.ecu, self._limits.flow_m2_per_s
-        step = self._limits.step_m2_per_s
+        rng, limit, step = self._rng, self._limits.flow_m2_per_s, self._limits.step_m2_per_s
         flows = (0.0, limit, -limit, step, -step, limit - step, rng.uniform(-limit, limit))
         values = [self._on_wire(rng.choice(flows)) for _ in state.memory.under_way.values]
-        longest = ecu.hold_periods + ecu.decay_periods
-        gap = rng.choice((0, min(longest + 1, self._around(longest))))
+        gap = rng.choice((0, min(self._longest + 1, self._around(self._longest))))
         return replace(state, memory=replace(state.memory, under_way=DelayLine(tuple(values)), gap=gap))
 
     def _speed(self, state: EcuState, now_ns: int) -> EcuState:
@@ -209,7 +190,6 @@ class Edges:
         return replace(state, speed=changed)
 
     def _air_speed(self, air: AirSpeedState) -> AirSpeedState:
-        """Shortly before its first correction or not, and within its limit or at it."""
         most, first = self._config.ecu.speed.most_correction, self._around(FIRST_PERIOD)
         if not air.means.size:
             return air
@@ -227,14 +207,11 @@ class Edges:
     def _pressures(self, state: EcuState, now_ns: int) -> EcuState:
         rng, limits = self._rng, self._limits
         age = rng.choice((0, limits.fresh_age_ns, limits.held_age_ns)) + rng.randrange(-2, 3)
-        known = rng.random() > 0.05
+        if rng.random() <= 0.05:
+            return replace(state, pressure_ns=None, pressure_counter=None)
         # No frame is of a time before 0, and none is older than a message can hold.
         sampled_ns = max(-(10**9), min(2**63 - 1, now_ns - age))
-        return replace(
-            state,
-            pressure_ns=sampled_ns if known else None,
-            pressure_counter=rng.randrange(self._counters) if known else None,
-        )
+        return replace(state, pressure_ns=sampled_ns, pressure_counter=rng.randrange(self._counters))
 
     def _counts(self, state: EcuState, _: int) -> EcuState:
         rng = self._rng

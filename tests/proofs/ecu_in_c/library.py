@@ -1,6 +1,6 @@
 """The ECU in C as a shared library, its networks replaced by answers that are given, bound through cffi."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,24 +14,19 @@ from ecu.in_c.c_structs import Leaf, Structs
 from export.to_c import library
 from tests.proofs.ecu_in_c.variants import bundle_of
 
-EXACT: Final = ("-O1", "-ffp-contract=off")
-"""No multiplication is fused with an addition: decisions are compared to the bit."""
+EXACT: Final = ("-O1", "-ffp-contract=off")  # nothing is fused: decisions are compared to the bit
 SHARED: Final = (*EXACT, "-shared", "-fPIC")
 NETWORKS: Final = ("sw_estimator.c", "sw_estimator.h", "sw_inexact.c", "sw_image.c", "sw_image.h")
 """Sources of the ECU that are not compared here: their answers, and the numbers behind them, are given."""
-TWIN: Final = "twin.h"
-STAND_INS: Final = ("sw_workspace.h", "sw_weights.h", "sw_estimator.h")
-"""For headers of the networks."""
-FRAMES: Final = 10
-"""Most frames in a period, `TWIN_FRAMES`."""
+OWN: Final = ("twin.c", "twin.h", "sw_workspace.h", "sw_weights.h", "sw_estimator.h")
+"""The library's interface, and stand-ins for headers of the networks."""
+FRAMES: Final = 10  # at most in a period, `TWIN_FRAMES`
 
 
 def ecu_files() -> dict[str, bytes]:
     step = library.static_sources("float32")
-    found = c_sources.control_sources() | {
-        name: step[name] for name in ("stillwake.h", "sw_compiler.h", "sw_program.h")
-    }
-    return {name: content for name, content in found.items() if name not in NETWORKS}
+    shared = {name: step[name] for name in ("stillwake.h", "sw_compiler.h", "sw_program.h")}
+    return {name: raw for name, raw in (c_sources.control_sources() | shared).items() if name not in NETWORKS}
 
 
 def sources(config: Config) -> dict[str, bytes]:
@@ -40,7 +35,7 @@ def sources(config: Config) -> dict[str, bytes]:
     sizes = {"SW_WINDOW": manifest.window, "SW_SENSORS": len(manifest.sensors), "SW_HORIZON": manifest.mpc.horizon}
     own = Path(__file__).with_name("c")
     return ecu_files() | {
-        **{name: own.joinpath(name).read_bytes() for name in ("twin.c", TWIN, *STAND_INS)},
+        **{name: own.joinpath(name).read_bytes() for name in OWN},
         "sw_settings.h": settings_header({**sizes, "SW_TERMS": len(TERMS)}),
         HEADER: ecu_settings(bundle, config),
     }
@@ -51,7 +46,7 @@ class Layout:
     bytes, 1 where a leaf lies and 0 in between."""
 
     def __init__(self, contents: Mapping[str, bytes]) -> None:
-        self.structs = Structs(contents, compiler.host_compiler(), header=TWIN)
+        self.structs = Structs(contents, compiler.host_compiler(), header="twin.h")
         self.ffi = self.structs.ffi
         self.leaves = list(self.structs.leaves(self.ffi.typeof("twin_response")))
         compared = bytearray(self.ffi.sizeof("twin_response"))
@@ -59,21 +54,18 @@ class Layout:
             compared[leaf.begin : leaf.end] = b"\1" * (leaf.end - leaf.begin)
         self.compared = bytes(compared)
 
-    def periods(self, count: int) -> Any:
-        return self.ffi.new("twin_period[]", count)
-
     def differences(self, expected: Any, found: Any) -> list[str]:
         """The leaves in which two responses differ, each with both values."""
         one, other = (bytes(self.ffi.buffer(self.ffi.addressof(item))) for item in (expected, found))
-        where = [(leaf, slice(leaf.begin, leaf.end)) for leaf in self.leaves]
         return [
-            f"{leaf.name}: {self._text(leaf, one[place])} in Python, {self._text(leaf, other[place])} in C"
-            for leaf, place in where
-            if one[place] != other[place]
+            f"{leaf.name}: {self._value(leaf, one)} in Python, {self._value(leaf, other)} in C"
+            for leaf in self.leaves
+            if one[leaf.begin : leaf.end] != other[leaf.begin : leaf.end]
         ]
 
-    def _text(self, leaf: Leaf, content: bytes) -> str:
-        return repr(_listed(self.ffi.from_buffer(self.ffi.getctype(leaf.kind, "*"), content)[0]))
+    def _value(self, leaf: Leaf, response: bytes) -> Any:
+        content = response[leaf.begin : leaf.end]
+        return _listed(self.ffi.from_buffer(self.ffi.getctype(leaf.kind, "*"), content)[0])
 
 
 def _listed(value: Any) -> Any:
@@ -83,8 +75,8 @@ def _listed(value: Any) -> Any:
 class Library:
     """One library of the ECU in C, compiled and loaded, and one ECU in it."""
 
-    def __init__(self, contents: Mapping[str, bytes], output: Path, *, flags: Sequence[str] = SHARED) -> None:
-        compiler.compile_c(contents, output, compiler=compiler.host_compiler(), flags=flags)
+    def __init__(self, contents: Mapping[str, bytes], output: Path) -> None:
+        compiler.compile_c(contents, output, compiler=compiler.host_compiler(), flags=SHARED)
         self.layout = Layout(contents)
         ffi = self.layout.ffi
         self.c = ffi.dlopen(str(output))

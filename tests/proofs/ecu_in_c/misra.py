@@ -41,7 +41,6 @@ def cppcheck() -> Path | None:
 
 
 def deviations() -> Deviations:
-    """Deviations of the ECU's sources, in all their variants, and of the loader's."""
     own = {name for name in c_sources.loader_sources() if name.startswith("sw_")}
     chosen = sorted(name for name in own if name.endswith(".c"))
     found = deviations_of(node_library.sources(node_twin.CONFIGS["fd"]), chosen, own)

@@ -15,8 +15,7 @@ import struct
 import subprocess
 import tempfile
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from random import Random
 from typing import Any, Final, NamedTuple
@@ -25,11 +24,10 @@ from benchmarks.common.command_line import track
 from can_bridge.command_gate import GateLimits, gate
 from ecu.in_c.compiler import compile_c, host_compiler
 from tests.proofs.ecu_in_c.library import Layout, ecu_files, sources
-from tests.proofs.ecu_in_c.mutator import Mutant, all_mutated
+from tests.proofs.ecu_in_c.mutator import all_mutated
 from tests.proofs.ecu_in_c.variants import VARIANTS
 
-SECOC: Final = "sw_secoc.c"
-"""Called only in vehicles with a key."""
+SECOC: Final = "sw_secoc.c"  # called only in vehicles with a key
 MUTATED: Final = (
     "sw_gate.c", "sw_e2e.c", "sw_fail_safe.c", "sw_receiver.c", "sw_timing.c", "sw_speed.c", "sw_past.c", SECOC,
 )  # fmt: skip
@@ -38,41 +36,21 @@ TRAPPED: Final = (
     "-fsanitize=undefined,bounds-strict", "-fsanitize-undefined-trap-on-error",
 )  # fmt: skip
 """Without a sanitiser's run-time library: what C does not define ends the process."""
-FUEL: Final = 100_000
-"""Turns of loops in a period; sound code takes some thousands."""
-CALLS: Final = 4_000
-"""Calls of the gate by itself."""
-SLICE: Final = 100
-"""Periods between two looks at the fuel."""
-SECONDS: Final = 60
-"""Seconds of computing after which a mutant counts as one that does not end."""
-_TYPES: Final = tuple(Path(__file__).with_name("c").joinpath("plain").glob("*.h"))
-"""Headers in plain C, for a parser that knows no extensions; as on any machine with 64 bits."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Mutation:
-    """The mutants of one variant's library, compiled together, and calls of the gate by itself."""
-
-    library: Path
-    layout: Layout
-    mutants: Sequence[Mutant]
-    calls: "list[GateCase]"
-    has_key: bool
+FUEL: Final = 100_000  # turns of loops in a period; sound code takes some thousands
+CALLS: Final = 4_000  # calls of the gate by itself
+SLICE: Final = 100  # periods between two looks at the fuel
+SECONDS: Final = 60  # seconds of computing after which a mutant counts as one that does not end
 
 
 def tried(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> dict[str, Any]:
-    """All mutants in all variants, against the recordings of each: how many `mutants` there were, each counted once
-    however many variants have it; how many `survivors` no recording notices; and of these the ones without an
-    explanation, with explanations without a survivor."""
+    """All mutants in all variants, against the recordings of each: how many `mutants`, each counted once, however many
+    variants have it; how many `survivors`; those without an explanation, and explanations without a survivor."""
     alive: dict[tuple[str, int, int], str] = {}
     found: set[tuple[str, int, int]] = set()
     for name in track(recordings, "mutants", "variants"):
-        mutation = build(name, folder)
-        wanted = {mutant.number: mutant for mutant in mutation.mutants if mutant.place not in found}
-        left = set(survivors(mutation, recordings[name], wanted))
-        for number, mutant in wanted.items():
-            if number in left:
+        mutation = Mutation(name, folder, recordings[name])
+        for mutant in [one for one in mutation.mutants if one.place not in found]:
+            if mutation.survives(mutant.number):
                 alive[mutant.place] = str(mutant)
             else:
                 found.add(mutant.place)
@@ -81,44 +59,19 @@ def tried(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> dict[str, 
     return {"mutants": len(found | lasting.keys()), "survivors": len(lasting), "survivors_unexplained": left_over}
 
 
-def unexplained(texts: Iterable[str]) -> list[str]:
+def unexplained(texts: Sequence[str]) -> list[str]:
     """Survivors that no explanation fits, and explanations that fit none."""
-    listed = tomllib.loads(Path(__file__).with_name("survivors.toml").read_text(encoding="utf-8"))
-    patterns = [
-        (item["file"], re.compile(item.get("line", "")), re.compile(item["mutant"]))
-        for item in listed.get("survivor", [])
-    ]
+    listed = tomllib.loads(Path(__file__).with_name("survivors.toml").read_text(encoding="utf-8"))["survivor"]
     lines = {name: content.decode().splitlines() for name, content in ecu_files().items() if name in MUTATED}
-    fits: dict[str, list[int]] = {}
-    for text in texts:
-        its_file, number = text.split(".c:")[0] + ".c", int(text.split(":")[1].split(".")[0])
-        line = lines[its_file][number - 1]
-        fits[text] = [
-            place
-            for place, (file, of_line, fit) in enumerate(patterns)
-            if file == its_file and of_line.search(line) and fit.search(text)
-        ]
-    used = {place for places in fits.values() for place in places}
-    idle = [
-        f"no survivor fits: {file}: {of_line.pattern} {fit.pattern}"
-        for place, (file, of_line, fit) in enumerate(patterns)
-        if place not in used
-    ]
-    return [text for text, places in fits.items() if not places] + idle
-
-
-def build(name: str, folder: Path) -> Mutation:
-    """Compile a variant with all mutants of `MUTATED` in it."""
-    contents, has_key = sources(VARIANTS[name]), bool(VARIANTS[name].bus.key)
-    changed, mutants = all_mutated({file: plain(contents, file) for file in MUTATED if has_key or file != SECOC})
-    library = folder / f"mutants_{list(VARIANTS).index(name)}.so"
-    compile_c({**contents, **changed}, library, compiler=host_compiler(), flags=TRAPPED)
-    layout = Layout(contents)
-    layout.ffi.cdef(GATE)
-    layout.ffi.cdef("extern int sw_mutant; extern long sw_fuel_left; void sw_mutate(void);")
-    limits, rng = GateLimits.from_config(VARIANTS[name]), Random(0)
-    calls = [gate_case(rng, limits) for _ in range(CALLS)]
-    return Mutation(library=library, layout=layout, mutants=mutants, calls=calls, has_key=has_key)
+    line_of = {text: lines[text.split(":")[0]][int(text.split(":")[1].split(".")[0]) - 1] for text in texts}
+    explained, idle = set[str](), list[str]()
+    for file, of_line, mutant in [(one["file"], one.get("line", ""), one["mutant"]) for one in listed]:
+        own = [text for text, line in line_of.items() if text.startswith(f"{file}:") and re.search(of_line, line)]
+        fits = {text for text in own if re.search(mutant, text)}
+        explained |= fits
+        if not fits:
+            idle.append(f"no survivor fits: {file}: {of_line} {mutant}")
+    return [text for text in texts if text not in explained] + idle
 
 
 def plain(contents: Mapping[str, bytes], file: str) -> str:
@@ -126,56 +79,67 @@ def plain(contents: Mapping[str, bytes], file: str) -> str:
     with tempfile.TemporaryDirectory() as folder:
         for name, content in contents.items():
             Path(folder, name).write_bytes(content)
-        for header in _TYPES:
+        # The parser knows no extensions; types are as on any machine with 64 bits.
+        for header in Path(__file__).with_name("c").joinpath("plain").glob("*.h"):
             shutil.copy(header, folder)
         command = [*host_compiler(), "-std=c99", "-E", "-nostdinc", "-I.", file]
         return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
 
 
-def survivors(mutation: Mutation, recordings: Sequence[bytes], numbers: Iterable[int]) -> list[int]:
-    """Those of the numbers that no recording, an array of `twin_period`, notices; 0, no mutant, is always one."""
-    ffi = mutation.layout.ffi
-    size = ffi.sizeof("twin_period")
-    c = ffi.dlopen(str(mutation.library))
-    arrays = [(ffi.from_buffer("twin_period[]", item), len(item) // size) for item in recordings]
-    return [number for number in numbers if _survives(c, mutation, arrays, number)]
+class Mutation:
+    """The mutants of one variant's library, compiled together, and what has to notice them: calls of the gate by
+    itself, and recordings, which are arrays of `twin_period`."""
 
+    def __init__(self, name: str, folder: Path, recordings: Sequence[bytes]) -> None:
+        config = VARIANTS[name]
+        contents, self._has_key = sources(config), bool(config.bus.key)
+        files = [file for file in MUTATED if self._has_key or file != SECOC]
+        changed, self.mutants = all_mutated({file: plain(contents, file) for file in files})
+        library = folder / f"mutants_{list(VARIANTS).index(name)}.so"
+        compile_c({**contents, **changed}, library, compiler=host_compiler(), flags=TRAPPED)
+        layout = Layout(contents)
+        self._ffi, self._compared = layout.ffi, layout.compared
+        self._ffi.cdef(GATE)
+        self._ffi.cdef("extern int sw_mutant; extern long sw_fuel_left; void sw_mutate(void);")
+        self._c, size = self._ffi.dlopen(str(library)), self._ffi.sizeof("twin_period")
+        self._arrays = [(self._ffi.from_buffer("twin_period[]", item), len(item) // size) for item in recordings]
+        limits, rng = GateLimits.from_config(config), Random(0)
+        self._calls = [gate_case(rng, limits) for _ in range(CALLS)]
 
-def _survives(c: Any, mutation: Mutation, arrays: Sequence[tuple[Any, int]], number: int) -> bool:
-    child = os.fork()
-    if child:
-        return os.waitpid(child, 0)[1] == 0
-    # Here is the mutant. It must not write, nor leave by an exception.
-    try:
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
-        for name in (signal.SIGILL, signal.SIGSEGV, signal.SIGFPE, signal.SIGBUS, signal.SIGABRT, signal.SIGXCPU):
-            signal.signal(name, signal.SIG_DFL)
-        os._exit(0 if _goes_unnoticed(c, mutation, arrays, number) else 1)
-    finally:
-        os._exit(2)
+    def survives(self, number: int) -> bool:
+        """Whether nothing notices this mutant; 0, no mutant, survives always."""
+        child = os.fork()
+        if child:
+            return os.waitpid(child, 0)[1] == 0
+        # Here is the mutant. It must not write, nor leave by an exception.
+        try:
+            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+            resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
+            for name in (signal.SIGILL, signal.SIGSEGV, signal.SIGFPE, signal.SIGBUS, signal.SIGABRT, signal.SIGXCPU):
+                signal.signal(name, signal.SIG_DFL)
+            os._exit(0 if self._goes_unnoticed(number) else 1)
+        finally:
+            os._exit(2)
 
-
-def _goes_unnoticed(c: Any, mutation: Mutation, arrays: Sequence[tuple[Any, int]], number: int) -> bool:
-    layout = mutation.layout
-    ffi = layout.ffi
-    room, found = ffi.new("int64_t[]", c.sw_ecu_bytes() // 8 + 1), ffi.new("twin_response *")
-    ecu = ffi.cast("sw_ecu *", room)
-    c.sw_mutant, c.sw_fuel_left = number, FUEL
-    c.sw_mutate()
-    for case in mutation.calls:
-        gated = c.sw_gate(*case.arguments, ffi.new("sw_gate_limits *", case.limits))
-        if (struct.pack("<d", gated.flow_m2_per_s), gated.enable, gated.interventions) != case.answer:
-            return False
-    if mutation.has_key and not judges_keys(ffi, c):
-        return False
-    for array, count in arrays:
-        for start in range(0, count, SLICE):
-            part = min(SLICE, count - start)
-            c.sw_fuel_left = FUEL * part
-            if c.twin_run(ecu, array + start, part, layout.compared, found) != part or c.sw_fuel_left < 0:
+    def _goes_unnoticed(self, number: int) -> bool:
+        ffi, c = self._ffi, self._c
+        room, found = ffi.new("int64_t[]", c.sw_ecu_bytes() // 8 + 1), ffi.new("twin_response *")
+        ecu = ffi.cast("sw_ecu *", room)
+        c.sw_mutant, c.sw_fuel_left = number, FUEL
+        c.sw_mutate()
+        for case in self._calls:
+            gated = c.sw_gate(*case.arguments, ffi.new("sw_gate_limits *", case.limits))
+            if (struct.pack("<d", gated.flow_m2_per_s), gated.enable, gated.interventions) != case.answer:
                 return False
-    return True
+        if self._has_key and not judges_keys(ffi, c):
+            return False
+        for array, count in self._arrays:
+            for start in range(0, count, SLICE):
+                part = min(SLICE, count - start)
+                c.sw_fuel_left = FUEL * part
+                if c.twin_run(ecu, array + start, part, self._compared, found) != part or c.sw_fuel_left < 0:
+                    return False
+        return True
 
 
 def judges_keys(ffi: Any, c: Any) -> bool:
@@ -227,14 +191,7 @@ def gate_case(rng: Random, limits: GateLimits) -> GateCase:
     pressure_ns = rng.choice((0, now_ns - age, now_ns - age, now_ns + 1))
     enable, has_previous, has_pressures = (int(rng.random() < share) for share in (0.95, 0.8, 0.9))
     arguments = flow, enable, previous, has_previous, previous_ns, has_pressures, pressure_ns, now_ns
-    passed = gate(
-        flow,
-        enable=bool(enable),
-        previous_m2_per_s=previous,
-        previous_ns=previous_ns if has_previous else None,
-        pressure_ns=pressure_ns if has_pressures else None,
-        now_ns=now_ns,
-        limits=limits,
-    )
+    times = dict(previous_ns=previous_ns if has_previous else None, pressure_ns=pressure_ns if has_pressures else None)
+    passed = gate(flow, enable=bool(enable), previous_m2_per_s=previous, now_ns=now_ns, limits=limits, **times)
     answer = struct.pack("<d", passed.flow_m2_per_s), int(passed.enable), passed.interventions.value
     return GateCase(arguments, (limits.flow_m2_per_s, limits.step_m2_per_s), answer)

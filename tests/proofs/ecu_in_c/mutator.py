@@ -66,7 +66,7 @@ class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has 
         self._plain = c_generator.CGenerator()
         self._file, self._first = file, first
         self._line, self._nth = 0, 0
-        self._inside, self._quiet = False, 0
+        self._inside = False
         self._structs: dict[str, list[str]] = {}
 
     def _mutant(self, node: Any, before: str, after: str) -> int:
@@ -78,14 +78,7 @@ class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has 
         return number
 
     def _acts(self, node: Any) -> bool:
-        return self._inside and self._quiet == 0 and node.coord is not None and node.coord.file.endswith(self._file)
-
-    def _as_it_is(self, node: Any) -> str:
-        self._quiet += 1
-        try:
-            return str(self.visit(node))
-        finally:
-            self._quiet -= 1
+        return self._inside and node.coord is not None and node.coord.file.endswith(self._file)
 
     def _either(self, node: Any, before: str, others: list[str], text: str) -> str:
         for other in others:
@@ -117,18 +110,14 @@ class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has 
         text = str(super().visit_Constant(n))
         if not self._acts(n) or n.type in ("string", "char"):
             return text
-        others = [f"({text} + 1)", f"({text} - 1)"]
-        return self._either(n, text, others, text)
+        return self._either(n, text, [f"({text} + 1)", f"({text} - 1)"], text)
 
     def visit_TernaryOp(self, n: Any) -> str:
         return f"({self._condition(n, n.cond)} ? ({self.visit(n.iftrue)}) : ({self.visit(n.iffalse)}))"
 
     def _condition(self, node: Any, cond: Any) -> str:
-        text = f"({self.visit(cond)})"
-        if not self._acts(node):
-            return text
-        plain = self._plain.visit(cond)
-        return self._either(node, plain, [f"!({plain})"], text)
+        text, plain = f"({self.visit(cond)})", self._plain.visit(cond)
+        return self._either(node, plain, [f"!({plain})"], text) if self._acts(node) else text
 
     def visit_If(self, n: Any) -> str:
         text = f"if ({self._condition(n, n.cond)})\n{self._block(n.iftrue)}"
@@ -139,7 +128,7 @@ class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has 
     def visit_For(self, n: Any) -> str:
         init = self.visit(n.init) if n.init is not None else ""
         cond = self._condition(n, n.cond)
-        after = self._as_it_is(n.next) if n.next is not None else ""
+        after = self._plain.visit(n.next) if n.next is not None else ""
         return f"for ({init}; sw_fuel() && {cond}; {after})\n{self._block(n.stmt)}"
 
     def visit_While(self, n: Any) -> str:
@@ -181,19 +170,14 @@ class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has 
         return text + "".join(self._generate_stmt(item, add_indent=True) for item in n.stmts or ())
 
     def visit_NamedInitializer(self, n: Any) -> str:
-        names = "".join(
-            f".{name.name}" if isinstance(name, c_ast.ID) else str(self._plain.visit(name)) for name in n.name
-        )
+        names = "".join(f".{one.name}" if isinstance(one, c_ast.ID) else str(self._plain.visit(one)) for one in n.name)
         return f"{names} = {self._visit_expr(n.expr)}"
 
     def visit_FuncDef(self, n: Any) -> str:
-        head = self._plain.visit(n.decl)
-        self._inside = True
-        self.indent_level = 0
-        try:
-            return f"{head}\n{self.visit(n.body)}\n"
-        finally:
-            self._inside = False
+        self._inside, self.indent_level = True, 0
+        text = f"{self._plain.visit(n.decl)}\n{self.visit(n.body)}\n"
+        self._inside = False
+        return text
 
     def visit_Typedef(self, n: Any) -> str:
         kind = n.type.type if isinstance(n.type, c_ast.TypeDecl) else None

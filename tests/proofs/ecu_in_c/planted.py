@@ -7,13 +7,13 @@ from typing import Final, NamedTuple
 
 
 class Planted(NamedTuple):
-    """What is wrong, the variant in which it can be seen, and a text that stands in a source once, with another one."""
+    """What is wrong, a text that stands in a source once, another one, and the variant in which it can be seen."""
 
     what: str
-    variant: str
     file: str
     old: str
     new: str
+    variant: str = ""
 
     def into(self, sources: Mapping[str, bytes]) -> dict[str, bytes]:
         return changed(sources, self.file, self.old, self.new)
@@ -27,7 +27,8 @@ def changed(sources: Mapping[str, bytes], file: str, old: str, new: str) -> dict
     return {**sources, file: before.replace(old, new).encode()}
 
 
-PLANTED: Final = tuple(
-    Planted(**item)
-    for item in tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))["planted"]
-)
+def listed(path: Path) -> tuple[Planted, ...]:
+    return tuple(Planted(**item) for item in tomllib.loads(path.read_text(encoding="utf-8"))["planted"])
+
+
+PLANTED: Final = listed(Path(__file__).with_suffix(".toml"))

@@ -1,7 +1,5 @@
 """The ECU in C held against the Python ECU, and how sharp that comparison is.
 
-    python -m tests.proofs ecu_c --steps 1000000 --json results/ecu_c.json
-
 A million random control periods through both, in vehicles with ten kinds of settings; faults planted in C; branches
 of C that were taken; mutants of its gate, protection, reception, timing, fail-safe, speed and past; deviations from
 MISRA C.
@@ -25,12 +23,9 @@ from tests.proofs.ecu_in_c.library import Library, sources
 from tests.proofs.ecu_in_c.planted import PLANTED, Planted
 from tests.proofs.ecu_in_c.variants import VARIANTS
 
-STRETCH: Final = 2_500
-"""Periods of one seed."""
-TRIED: Final = 3_000
-"""Periods of a recording that planted faults, mutants and branches are tried with."""
-SEEDS: Final = ("1", "3", "0")
-"""Seeds of the recordings; odd ones start from states near an edge now and then."""
+STRETCH: Final = 2_500  # periods of one seed
+TRIED: Final = 3_000  # periods of a recording that planted faults, mutants and branches are tried with
+SEEDS: Final = ("1", "3", "0")  # seeds of the recordings; odd ones start from states near an edge now and then
 
 
 def ecu_in_c(
@@ -52,16 +47,9 @@ def ecu_in_c(
     }
     with tempfile.TemporaryDirectory() as folder:
         figures |= sharpness(Path(folder))
-    report(
-        json_file,
-        "ecu-c",
-        figures,
-        packages=("numpy", "cffi", "pycparser", "gcovr", "cppcheck"),
-        seed=seed,
-        variants=list(VARIANTS),
-        sources_sha256=sources_hash(),
-        compiler=compiler_version(host_compiler()),
-    )
+    facts: dict[str, Any] = {"seed": seed, "variants": list(VARIANTS), "sources_sha256": sources_hash()}
+    packages = ("numpy", "cffi", "pycparser", "gcovr", "cppcheck")
+    report(json_file, "ecu-c", figures, packages=packages, **facts, compiler=compiler_version(host_compiler()))
     wrong = ("mismatches", "modes_missed", "planted_missed", "branches_missed", "survivors_unexplained")
     if any(figures.get(name) for name in (*wrong, "misra_unlisted")):
         raise typer.Exit(1)

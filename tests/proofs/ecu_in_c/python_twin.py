@@ -29,19 +29,17 @@ HYPOTHESES = Hypotheses.of(4)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Answers:
-    """What the networks answer in one period, if they are asked: plan (H,) and forces (H, 2) in float32, estimates (V,
-    S), and whether the control step has an answer. Numbers may be NaN or infinite, but for estimates."""
+    """What the networks answer in one period, if they are asked. Plan and forces may be NaN or infinite."""
 
-    plan: Array
-    forces: Array
-    estimates: Array
-    is_planned: bool = True
+    plan: Array  # (H,), in float32
+    forces: Array  # (H, 2), in float32
+    estimates: Array  # (V, S)
+    is_planned: bool = True  # whether the control step has an answer
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Period:
-    """What comes to an ECU in one control period, from outside and from its networks; before it a power-on, a state
-    that is loaded, or other values of the calibration, within the limits or not."""
+    """What comes to an ECU in one control period, from outside and from its networks, and what is done before it."""
 
     now_ns: int
     frames: list[Frame]
@@ -51,7 +49,7 @@ class Period:
     updating: bool = False
     restarts: bool = False
     loads: EcuState | None = None
-    calibration: Calibration | None = None
+    calibration: Calibration | None = None  # within the limits or not
 
 
 @dataclass
@@ -82,8 +80,6 @@ class Networks:
 
 
 class PythonTwin:
-    """The Python ECU of one vehicle."""
-
     def __init__(self, config: Config, layout: Layout) -> None:
         bundle = bundle_of(config)
         self.horizon, self.window = bundle.manifest.mpc.horizon, bundle.manifest.window

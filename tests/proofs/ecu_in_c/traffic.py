@@ -22,18 +22,15 @@ from contract.arrays import Array
 from contract.config.tree import Config
 from contract.controller.calibration import Calibration
 from ecu.calibrating import limits_of
-from tests.proofs.ecu.hostile_world import START_NS, Path, RandomEvents
+from tests.proofs.ecu.hostile_world import START_NS, Events, Path, RandomEvents
 from tests.proofs.ecu.promises import Delivered
-from tests.proofs.ecu_in_c.drive import Drive
 from tests.proofs.ecu_in_c.library import FRAMES
 from tests.proofs.ecu_in_c.python_twin import Answers, Period
-from tests.proofs.ecu_in_c.sealing import Sealing
+from tests.proofs.ecu_in_c.senders import Drive, Sealing, flipped
 from tests.proofs.ecu_in_c.variants import DEVIATION, bundle_of
 
-VIEWS: Final = 34
-"""Views of four sensors (`contract.controller.estimator.views`)."""
-LATEST: Final = 2**63 - 1
-"""That C's times can hold."""
+VIEWS: Final = 34  # of four sensors (`contract.controller.estimator.views`)
+LATEST: Final = 2**63 - 1  # that C's times can hold
 EDGES: Final = (
     -LATEST - 1, -LATEST, -(2**62), -(2**61), -1, 0, 1, 2**61 - 1, 2**61, 2**61 + 1, 2**62, LATEST - 1, LATEST,
 )  # fmt: skip
@@ -62,10 +59,8 @@ class Traffic:
         self._now_ns, self._stands = START_NS, 0
         self._health, self._inbox = BusHealth(), list[Frame]()
         self._lies = cycle(self._rng.sample(LIES, len(LIES)))
-        self._lie, self._liars = "", (0, 1)
-        self._stuck = np.zeros(4)
-        self._updating = 0
-        self._restarts = True
+        self._lie, self._liars, self._stuck = "", (0, 1), np.zeros(4)
+        self._updating, self._restarts = 0, True
 
     def next(self) -> Period:
         rng = self._rng
@@ -85,13 +80,13 @@ class Traffic:
             self._drive.move(odd)
             self._pascal = self._drive.dynamic_pressure
             self._state_speed(self._drive, events, now_ns, odd)
-        self._sample(events, cp, now_ns, odd, request=events.request)
+        self._sample(events, cp, now_ns, odd)
         self._number += 1
         if not events.steps:
             return self.next()
         self._now_ns = now_ns
         frames, self._inbox = self._inbox[:FRAMES], []
-        self._age_health(events.bus_off, odd, unseen=events.unseen)
+        self._age_health(events, odd)
         self._updating += self._updating > 0 or rng.random() < odd / 200
         restarts, self._restarts = self._restarts, False
         # A delay that stays, and one that changes, end a past in different ways.
@@ -102,7 +97,7 @@ class Traffic:
             health=self._health,
             fault=rng.choice(FAULTS) if rng.random() < odd / 40 else None,
             updating=self._updating > 0,
-            answers=self._answers(events.deed, events.value, estimates, odd),
+            answers=self._answers(events, estimates, odd),
             restarts=restarts,
             calibration=self._calibration() if rng.random() < calm + odd / 10 else None,
         )
@@ -168,17 +163,15 @@ class Traffic:
             found[rng.randrange(VIEWS)] = rng.choice((3e38, -3e38, 0.0, 1e-40))
         return _as_float32(found)
 
-    def _sample(self, events: Any, cp: Array, now_ns: int, odd: float, *, request: bool) -> None:
+    def _sample(self, events: Events, cp: Array, now_ns: int, odd: float) -> None:
         """The vehicle's frame on its way, and what else is on the bus, into the inbox."""
         rng, spec = self._rng, self._spec
-        pascal = np.clip(self._read(cp) * self._pascal, -self._limit, self._limit)
+        read = tuple(np.clip(self._read(cp) * self._pascal, -self._limit, self._limit).tolist())
         valid = (True,) * 4 if events.valid else tuple(rng.random() < 0.7 for _ in range(4))
         is_odd = rng.random() < odd / 10
         age_ns = rng.randrange(655_000_000) if is_odd else rng.choice((0, 0, 1_000_000, 10_000_000))
-        read = tuple(map(float, pascal))
-        data = self._messages.pressure.emit(
-            Pressure(pressure_pa=read, valid=valid, enable_request=request, age_ns=age_ns)
-        )
+        sampled = Pressure(pressure_pa=read, valid=valid, enable_request=events.request, age_ns=age_ns)
+        data = self._messages.pressure.emit(sampled)
         if rng.random() < odd / 20:
             header = 3 if spec.profile == 5 else 2
             data = bytes(header) + rng.randbytes(spec.protected - header)
@@ -195,7 +188,7 @@ class Traffic:
         while rng.random() < odd / 3:
             self._inbox.insert(rng.randrange(len(self._inbox) + 1), self._other(now_ns, odd))
 
-    def _state_speed(self, drive: Drive, events: Any, now_ns: int, odd: float) -> None:
+    def _state_speed(self, drive: Drive, events: Events, now_ns: int, odd: float) -> None:
         """The frame with the vehicle's speed on its way, into the inbox."""
         frame = drive.frame(now_ns, events.queued_ns, odd)
         item = None if frame is None else Delivered(frame, None)
@@ -247,34 +240,30 @@ class Traffic:
         """Sometimes with a bit flipped, or of another length with the sound part in front."""
         rng, deed = self._rng, self._rng.random()
         if deed < 0.3:
-            place = rng.randrange(len(data))
-            return data[:place] + bytes([data[place] ^ 1 << rng.randrange(8)]) + data[place + 1 :]
+            return flipped(data, 8 * rng.randrange(len(data)) + rng.randrange(8))
         if deed < 0.4:
             return data[: rng.choice((0, 1, 2, 3, 4, 7))]
         if deed < 0.5 and self._spec.is_fd:
             return data + bytes(64 - len(data))
         return data
 
-    def _age_health(self, off: bool, odd: float, *, unseen: bool) -> None:
-        rng, health = self._rng, self._health
-        state = BusState.BUS_OFF if off and not unseen else BusState.ERROR_ACTIVE
-        errors = [
-            rng.choice(_LARGE) if rng.random() < odd / 20 else old for old in (health.tx_errors, health.rx_errors)
-        ]
-        count = rng.choice(_LARGE) if rng.random() < odd / 200 else min(health.bus_off + off, _LARGE[-1])
-        self._health = BusHealth(state=state, bus_off=count, tx_errors=errors[0], rx_errors=errors[1])
+    def _age_health(self, events: Events, odd: float) -> None:
+        rng, old = self._rng, self._health
+        state = BusState.BUS_OFF if events.bus_off and not events.unseen else BusState.ERROR_ACTIVE
+        tx, rx = (rng.choice(_LARGE) if rng.random() < odd / 20 else n for n in (old.tx_errors, old.rx_errors))
+        count = rng.choice(_LARGE) if rng.random() < odd / 200 else min(old.bus_off + events.bus_off, _LARGE[-1])
+        self._health = BusHealth(state=state, bus_off=count, tx_errors=tx, rx_errors=rx)
 
-    def _answers(self, deed: str, value: float, estimates: Array, odd: float) -> Answers:
-        rng, horizon = self._rng, self._horizon
+    def _answers(self, events: Events, estimates: Array, odd: float) -> Answers:
+        rng, horizon, deed, value = self._rng, self._horizon, events.deed, events.value
         plan = self._numbers.normal(0.0, 0.02, horizon) + (value if deed == "swing" else 0.2 * value)
         forces = self._numbers.normal(1.0, 0.2, (horizon, 2))
         if deed not in ("small", "swing") and rng.random() < 0.1 + odd:
             plan[rng.randrange(horizon)] = rng.choice(_WILD)
         if rng.random() < odd / 40:
             forces[rng.randrange(horizon), rng.randrange(2)] = rng.choice(_WILD)
-        return Answers(
-            plan=_as_float32(plan), forces=_as_float32(forces), estimates=estimates, is_planned=rng.random() >= odd / 60
-        )
+        is_planned = rng.random() >= odd / 60
+        return Answers(plan=_as_float32(plan), forces=_as_float32(forces), estimates=estimates, is_planned=is_planned)
 
 
 def _as_float32(values: Array) -> Array:

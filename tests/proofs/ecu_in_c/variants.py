@@ -22,6 +22,7 @@ QUICK: Final = SensorCheckConfig(
 HASTY: Final = BenefitCheckConfig(mean_periods=3, wake_periods=4, first_period=2, doubt_periods=2)
 """To find that control does not help, likewise."""
 
+_CLASSIC: Final = BusConfig(frames="classic")
 _LATE: Final = EcuConfig(
     delay_steps=2, hold_periods=3, decay_periods=3, loss_window=64, loss_limit=30, deadline_window=32,
     deadline_misses=6, rearm_frames=1, sensor_check=UNCHECKED,
@@ -43,12 +44,9 @@ VARIANTS: Final = {
         bus=BusConfig(key="bus.key", e2e=E2eConfig(window=4, min_ok=1, max_errors=1)),
         ecu=EcuConfig(plan_ahead=False, sensor_check=UNCHECKED, speed=SpeedConfig(oldest_ms=60.0)),
     ),
-    "classic": Config(
-        bus=BusConfig(frames="classic"), ecu=EcuConfig(sensor_check=QUICK, benefit_check=HASTY, delay_steps=1)
-    ),
+    "classic": Config(bus=_CLASSIC, ecu=EcuConfig(sensor_check=QUICK, benefit_check=HASTY, delay_steps=1)),
     "classic, impatient": Config(
-        bus=BusConfig(frames="classic", e2e=E2eConfig(window=1, min_ok=1, max_errors=0, max_delta=1)),
-        ecu=_IMPATIENT,
+        bus=replace(_CLASSIC, e2e=E2eConfig(window=1, min_ok=1, max_errors=0, max_delta=1)), ecu=_IMPATIENT
     ),
     "at all speeds": Config(
         ecu=EcuConfig(
@@ -58,13 +56,12 @@ VARIANTS: Final = {
         )
     ),
     "classic, at all speeds": Config(
-        bus=BusConfig(frames="classic"),
+        bus=_CLASSIC,
         ecu=EcuConfig(delay_steps=2, plan_ahead=False, sensor_check=UNCHECKED, speed=SpeedConfig(margin=0.1)),
     ),
 }
-"""All sets of messages; planning ahead or not; late actuators; with and without the checks; windows of one
-period and of as many as the state in C has room for; releases that serve a range of speeds, where the settings of the
-speed are not the default ones."""
+"""All sets of messages; planning ahead or not; late actuators; with and without the checks; windows of one period and
+of as many as C has room for; releases for a range of speeds, where the speed's settings are not the default ones."""
 
 SPEEDS: Final = SpeedRange(slowest=0.6, fastest=1.4)
 RESTING: Final = RestingWake(speeds=(0.7, 0.9, 1.3), base=(-0.3, -0.5, -0.45), swing=(0.1, 0.3, 0.7))
@@ -82,8 +79,7 @@ def authentication_of(config: Config) -> Authentication | None:
     return Authentication(key=KEY, trip=7, heard=HEARD) if config.bus.key else None
 
 
-DEVIATION: Final = 0.02
-"""Deviation of sound sensors' residuals in Cp, which the traffic's estimates have."""
+DEVIATION: Final = 0.02  # deviation of sound sensors' residuals in Cp, which the traffic's estimates have
 
 
 def bundle_of(config: Config) -> Bundle:

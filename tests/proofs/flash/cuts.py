@@ -1,15 +1,12 @@
 """The supply cut at every write of flashing a release: whether the ECU ever stands without a controller it can trust.
 
-    python -m tests.proofs flash --json results/flash.json
-    python -m tests.proofs flash --replay 0.123.45
-
 The tester's own steps drive the UDS server, the store and a simulated memory, with the shipped release. Each operation
 of the memory is torn in its middle once; in the recovery from each, some are torn again. After every power-on the image
 that runs is checked as the ECU checks it, by its signature and every hash, and compared with the releases byte by byte;
 then the same release is flashed again.
 
-Each case has a name, by which it can be played again: 0.123 is the cut in call 123 to the folder's files in the whole
-sequence, with seed 0 of what it leaves behind; 0.123.45 has a second one in call 45 after that power-on.
+Each case has a name, by which `--replay` plays it again: 0.123 is the cut in call 123 to the folder's files in the
+whole sequence, with seed 0 of what it leaves behind; 0.123.45 has a second one in call 45 after that power-on.
 """
 
 import re
@@ -40,14 +37,9 @@ from tests.can_bridge.tester.line import Line, flash_over
 from tests.proofs.command_line import JsonFile, report, spread
 from tests.proofs.flash.places import FolderPlace
 
-OLD, NEW = 1, 2
-"""Security versions of the two releases."""
+OLD, NEW = 1, 2  # security versions of the two releases
 KINDS: Final = ("bricked", "wrong_release", "confirmed_lost", "counter_moved", "checkpoint_lost", "reflash_failed")
-"""What can go wrong in a case."""
-PIECE: Final = 100
-"""Cuts that a process makes in one go; it repeats the sequence for them."""
-
-
+PIECE: Final = 100  # cuts that a process makes in one go; it repeats the sequence for them
 Case = tuple[int, ...]
 """The seed of what the cut leaves behind, the operation of the sequence in which the supply is cut, and the one after
 the power-on, if there is a second cut."""
@@ -66,11 +58,10 @@ def case_of(name: str) -> Case:
 
 @dataclass
 class Asked:
-    """How far the tester had come, by which is known what may be found after a cut: bytes that the ECU acknowledged,
-    and whether activation and confirmation were asked for."""
+    """How far the tester had come, by which is known what may be found after a cut."""
 
-    received: int = 0
-    activated: bool = False
+    received: int = 0  # bytes that the ECU acknowledged
+    activated: bool = False  # whether it was asked for
     confirmed: bool = False
 
     def on_step(self, step: Step) -> None:
@@ -82,22 +73,19 @@ class Asked:
 
 
 class Finding(NamedTuple):
-    """What went wrong in a case; `kind` is one of `KINDS`."""
-
     case: Case
-    kind: str
+    kind: str  # one of `KINDS`
     text: str
 
 
 @dataclass
 class Tally:
-    """Cases by depth, and what went wrong in them; operations of the whole sequence without a cut; boots, each of which
-    checked the image that it booted. What happens in each case is told to `report`."""
+    """What came of the cases, which are told to `report`."""
 
-    cases: Counter[int] = field(default_factory=Counter)
+    cases: Counter[int] = field(default_factory=Counter)  # by depth
     findings: list[Finding] = field(default_factory=list)
-    operations: int = 0
-    boots: int = 0
+    operations: int = 0  # of the whole sequence without a cut
+    boots: int = 0  # each checks the image that it boots
     report: Callable[[str], None] | None = None
 
     def add(self, other: "Tally") -> None:
@@ -107,7 +95,6 @@ class Tally:
         self.operations = max(self.operations, other.operations)
 
     def boot(self, case: Case, place: FolderPlace, before: str) -> StoreEcu:
-        """Power on."""
         ecu = StoreEcu(place.backing)
         self.boots += 1
         if self.report is not None:
@@ -253,21 +240,16 @@ def main(
         total.add(tally)
     lost = Counter(finding.kind for finding in total.findings)
     figures = {
-        "operations": total.operations,
-        "cuts_depth_1": total.cases[1],
-        "cuts_depth_2": total.cases[2],
-        "boots": total.boots,
-        **{kind: lost[kind] for kind in KINDS},
+        "operations": total.operations, "cuts_depth_1": total.cases[1], "cuts_depth_2": total.cases[2],
+        "boots": total.boots, **{kind: lost[kind] for kind in KINDS},
         "cases_lost": [name_of(finding.case) for finding in total.findings][:20],
         "seconds_proof": perf_counter() - began,
-    }
+    }  # fmt: skip
     facts: dict[str, Any] = {"every": every, "seeds": seeds, "second_cuts": second_cuts, "workers": workers}
     report(json_file, "flash", figures, packages=("stillwake", "onnxruntime", "cryptography", "udsoncan"), **facts)
     if total.findings:
-        first = total.findings[0]
-        raise StillwakeError(
-            f"{len(total.findings)} findings, the first: {name_of(first.case)}, {first.kind}: {first.text}"
-        )
+        case, kind, text = total.findings[0]
+        raise StillwakeError(f"{len(total.findings)} findings, the first: {name_of(case)}, {kind}: {text}")
 
 
 def run_piece(piece: tuple[int, int], *, of: int, share: float) -> Tally:

@@ -10,12 +10,10 @@ from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
-from typing import Final, Self
+from typing import Self
 
 from can_bridge.flashing.backing import Backing, MediumError
 from can_bridge.flashing.folder_backing import FolderBacking, FolderFiles
-
-CAPACITY: Final = 256 * 1024
 
 OnCut = Callable[[int, "FolderPlace"], None]
 """Called with an operation's number and the memory as the cut in it leaves it."""
@@ -38,8 +36,7 @@ class FolderPlace(FolderFiles):
         self.branch(lambda number: False, None)
 
     def backing(self) -> Backing:
-        """Open it, after power-on."""
-        return FolderBacking(Path("unused"), files=self, capacity=CAPACITY)
+        return FolderBacking(Path("unused"), files=self, capacity=256 * 1024)
 
     def branch(self, at: Callable[[int], bool], on_cut: OnCut | None) -> None:
         """Branch, from now on, before every operation whose number `at` picks; None: no more."""

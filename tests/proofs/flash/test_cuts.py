@@ -42,15 +42,6 @@ def test_nothing_is_lost(operations):
     assert again and set(again) <= set(lines)
 
 
-def kinds_found(picked: range) -> set[str]:
-    """What is found in these cases, up to the first one in which something is."""
-    tally = Tally()
-    # The sequence itself may not come to its end any more; the cases before count.
-    with suppress(StillwakeError):
-        walk(0, lambda number: number in picked and not tally.findings, tally=tally)
-    return {finding.kind for finding in tally.findings}
-
-
 def test_planted_defects_are_found(monkeypatch, operations):
     """Those of the store's own defects that only a cut shows."""
     end, all_along = range(operations - 40, operations), range(0, operations, 5)
@@ -80,9 +71,13 @@ def test_planted_defects_are_found(monkeypatch, operations):
             keep_slot(self, slot, changed)
 
     def planted(picked: range, owner: type, name: str, value: object) -> set[str]:
-        with monkeypatch.context() as patch:
+        """What is found in these cases, up to the first one in which something is."""
+        tally = Tally()
+        # The sequence itself may not come to its end any more; the cases before count.
+        with monkeypatch.context() as patch, suppress(StillwakeError):
             patch.setattr(owner, name, value)
-            return kinds_found(picked)
+            walk(0, lambda number: number in picked and not tally.findings, tally=tally)
+        return {finding.kind for finding in tally.findings}
 
     # A file is renamed before it was synchronised, a checkpoint is kept before its slot was.
     sync = FolderPlace.sync

@@ -40,9 +40,8 @@ KILLED: Final = ("killed", "caught by type check")
 
 
 def measure(*, gate: Path = ROOT / GATE, tests: Path = ROOT / TESTS) -> dict[str, Any]:
-    """Make every mutant of the gate, or of another file, and run a file of tests on it; a minute. Each of the
-    `gate_survivors` has name, status and changed lines. Raises StillwakeError if mutmut is missing, or the tests fail
-    on the gate as it is."""
+    """Make every mutant of the gate, or of another file, and run a file of tests on it; a minute. Raises StillwakeError
+    if mutmut is missing, or the tests fail on the gate as it is."""
     try:
         tool = version("mutmut")
     except PackageNotFoundError as error:

@@ -5,14 +5,10 @@ import pytest
 from contract.errors import StillwakeError
 from tests.proofs.gate import mutation
 
-GATE = '''\
-"""A gate of one bound."""
-
-
+GATE = """\
 def clamp(value: float) -> float:
-    """At most 4."""
     return 4.0 if value > 4.0 else value
-'''
+"""
 LOOSE = """\
 from can_bridge.command_gate import clamp
 

@@ -1,5 +1,6 @@
 """The node in C, with diagnosis and store, as a shared library: its networks and the layout of an image are stubs."""
 
+import hashlib
 import re
 import subprocess
 from collections.abc import Mapping, Sequence
@@ -13,14 +14,15 @@ from ecu.c.sources import loader_sources
 from ecu.in_c import compiler
 from ecu.in_c.c_structs import Structs
 from ecu.in_c.uds_settings import UDS_SETTINGS, uds_settings
+from tests.can_bridge.flashing.releases import keys
+from tests.can_bridge.flashing.store_ecu import SECRET
 from tests.proofs.ecu_in_c import library
 
 GEOMETRY: Final = ("-ffp-contract=off", "-DSW_FLASH_SECTOR=16384u", "-DSW_SLOT_SECTORS=3u")
 """A small flash memory, so that its sectors are often full."""
 SLOT_BYTES: Final = 3 * 16384
 QUICK: Final = ("-O0", *GEOMETRY)
-_FUZZ: Final = "node_fuzz.c"
-"""A program of its own, and no part of the library."""
+_FUZZ: Final = "node_fuzz.c"  # a program of its own, and no part of the library
 _STUBS: Final = ("node_host.c", "node_host.h", _FUZZ, "sw_image.h")
 _OTHERS: Final = ("twin.c", "twin.h", "sw_image.c", "sw_own_ecu.c")
 _DECLARED: Final = re.compile(r"^[\w ]+ \*?host_\w+\([^)]*\);", re.MULTILINE)
@@ -75,17 +77,17 @@ class Library:
 
 
 class Host:
-    """A node with a flash memory, by `sw_rules`, a key, and its hardware, serial number and software."""
+    """A node with a flash memory, by `sw_rules`, and its hardware, serial number and software; just powered on, with a
+    release that is confirmed, or none if the image is empty."""
 
-    def __init__(self, of: Library, rules: bytes, access_key: bytes, texts: Sequence[str]) -> None:
-        self._lib, self._ffi, self._structs = of.c, of.ffi, of.structs
-        self._room = self._ffi.new("int64_t[]", self._lib.host_bytes() // 8 + 1)
-        self._sent = self._ffi.new("sw_frame[]", 10)
-        self._lib.host_init(self._room, rules, access_key, *(text.encode() for text in texts))
-
-    def provision(self, keys: bytes, image: bytes, sha256: bytes) -> None:
-        """A key list, and a release that is confirmed; without one if it is empty."""
-        assert self._lib.host_provision(self._room, keys, len(keys), image, len(image), sha256) == 0
+    def __init__(self, of: Library, rules: bytes, texts: Sequence[str], image: bytes) -> None:
+        self._lib, self._structs = of.c, of.structs
+        self._room = of.ffi.new("int64_t[]", self._lib.host_bytes() // 8 + 1)
+        self._sent = of.ffi.new("sw_frame[]", 10)
+        self._lib.host_init(self._room, rules, SECRET, *(text.encode() for text in texts))
+        allowed, digest = keys(), hashlib.sha256(image).digest()
+        assert self._lib.host_provision(self._room, allowed, len(allowed), image, len(image), digest) == 0
+        self.power_on()
 
     def power_on(self) -> None:
         self._lib.host_power_on(self._room)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator, Sequence
 from random import Random
 from typing import Any, Final
 
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.uds.fault_codes import CODES
 from can_bridge.uds.fault_memory import LENGTHS, FaultReport
 from can_bridge.uds.services import MAX_BLOCK, Did, Routine, Service, Session
@@ -23,8 +23,7 @@ _PROGRAMMING: Final = bytes([Service.SESSION, Session.PROGRAMMING])
 _EXTENDED: Final = bytes([Service.SESSION, Session.EXTENDED])
 _EXIT: Final = bytes([Service.EXIT])
 _RESET: Final = bytes([Service.RESET, 1])
-_SEED: Final = 2 + 16
-"""Bytes of the answer with a seed."""
+_SEED: Final = 2 + 16  # bytes of the answer with it
 _BLOCK_LENGTHS: Final = (MAX_BLOCK - 2, MAX_BLOCK - 2, 4000, 3000, 2048)
 _LONGEST_NOISE: Final = 64
 _HEX: Final = """
@@ -72,8 +71,7 @@ def blocks(image: bytes, at: int, size: int, most: int = 1 << 16) -> Plan:
 def flashing(rng: Random, of: World) -> Plan:
     """The sequence of `stillwake flash`, with any image; it may end before its end."""
     image = rng.choice(list(of.images.values()))
-    yield _EXTENDED
-    yield routine(Routine.PRECONDITIONS)
+    yield from each(_EXTENDED, routine(Routine.PRECONDITIONS))
     yield from unlocking(Level.PROGRAMMING)
     at = yield from announced(image)
     if at < len(image):
@@ -83,8 +81,7 @@ def flashing(rng: Random, of: World) -> Plan:
         yield routine(Routine.CHECK)
     if rng.random() < 0.2:
         return
-    yield routine(Routine.ACTIVATE)
-    yield _RESET
+    yield from each(routine(Routine.ACTIVATE), _RESET)
     yield from choosing(rng, of)
 
 
@@ -114,19 +111,15 @@ def reading(rng: Random, of: World) -> Plan:
 
 
 def faults(rng: Random, of: World) -> Plan:
-    """The fault memory, its switch, and silence on the bus."""
     codes = [0xFFFFFF, 0, *CODES.values()]
     for _ in range(6):
         code = rng.choice(codes).to_bytes(3, "big")
-        yield rng.choice(
-            (_EXTENDED, bytes([Service.CLEAR_FAULTS]) + code, bytes([Service.FAULT_SETTING, rng.randrange(4)]))
-        )
+        clear, setting = bytes([Service.CLEAR_FAULTS]) + code, bytes([Service.FAULT_SETTING, rng.randrange(4)])
+        yield rng.choice((_EXTENDED, clear, setting))
         yield bytes([Service.COMMUNICATION, rng.randrange(3), rng.randrange(4)])
         for report in FaultReport:
-            option = {1: bytes([rng.randrange(256)]), 4: code + bytes([rng.choice((1, 0xFF, 2))]), 0: b""}[
-                LENGTHS[report]
-            ]
-            yield bytes([Service.REPORT_FAULTS, report]) + option
+            options = {1: bytes([rng.randrange(256)]), 4: code + bytes([rng.choice((1, 0xFF, 2))]), 0: b""}
+            yield bytes([Service.REPORT_FAULTS, report]) + options[LENGTHS[report]]
 
 
 def guessing(rng: Random, of: World) -> Plan:
@@ -138,8 +131,7 @@ def guessing(rng: Random, of: World) -> Plan:
             answer = yield bytes([Service.SECURITY, level])
             seed = answer[2:] if answer is not None and len(answer) == _SEED else None
             yield _wrong_key(rng, seed)
-        yield _PROGRAMMING
-        yield _RESET
+        yield from each(_PROGRAMMING, _RESET)
 
 
 def any_noise(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
@@ -203,7 +195,6 @@ def each(*steps: Step) -> Plan:
 
 
 def any_of(rng: Random, of: World) -> Plan:
-    """What a tester may want."""
     sound = (*5 * [flashing], choosing, keys, calibrating, reading, guessing, *3 * [faults])
     own = (edges, transfers, calibrations, controlled, failing, lambda rng, of: story(rng, of, 9))
     return rng.choice(sound if rng.random() < 0.5 else own)(rng, of)
@@ -242,10 +233,8 @@ def story(rng: Random, of: World, steps: int) -> Plan:
         if rng.random() < 0.2:
             # The image that runs on trial is written over.
             yield routine(Routine.ERASE, len(image).to_bytes(4, "big") + bytes(32))
-            yield routine(Routine.SELF_TEST)
-            yield lambda program: program.control(3, False)
-        for _ in range(2):
-            yield routine(Routine.CONFIRM)
+            yield from each(routine(Routine.SELF_TEST), lambda program: program.control(3, False))
+        yield from each(*2 * [routine(Routine.CONFIRM)])
         if rng.random() < 0.4:
             yield routine(Routine.REVERT)
         yield b"\x11\x01"
@@ -278,7 +267,6 @@ def confirmations(of: World) -> Plan:
 
 
 def edges(rng: Random, of: World) -> Plan:
-    """Requests of odd lengths and numbers in any session."""
     yield from rng.choice((unlocking(Level.PROGRAMMING), unlocking(Level.CALIBRATION), each(b"\x10\x01")))
     yield from each(*rng.choices(_ODD + _DOWNLOADS, k=12))
 
@@ -287,18 +275,17 @@ def transfers(rng: Random, of: World) -> Plan:
     """A download that is asked for in every wrong way."""
     image = of.images["one"]
     head, length = b"\x34\x00\x44", len(image).to_bytes(4, "big")
+    first, last = b"\x36\x01" + image[:4078], b"\x36\x02" + image[4078:]
     yield from unlocking(Level.PROGRAMMING)
     yield routine(Routine.ERASE, length + bytes(31) + rng.randbytes(1))
     yield from each(head + bytes(3) + b"\1" + length, head + bytes(4) + bytes(4), head + bytes(4) + length)
     yield from each(head + bytes(4) + length, head + bytes(4) + bytes(4), head + b"\0\0\0\1" + length)
-    yield b"\x36\x01" + image[:4078]
+    yield first
     if rng.random() < 0.3:
         yield routine(Routine.ERASE, length + bytes(31) + rng.randbytes(1))
-    yield from each(*rng.choices((b"\x36\x01" + image[:4078], b"\x36\x02" + bytes(4000), b"\x36\x03a", b"\x37"), k=4))
-    yield b"\x36\x02" + image[4078:]
-    yield from each(
-        *rng.choices((*_DOWNLOADS, b"\x36\x03a", b"\x36\x02" + image[4078:], b"\x37", head + bytes(8)), k=5)
-    )
+    yield from each(*rng.choices((first, b"\x36\x02" + bytes(4000), b"\x36\x03a", b"\x37"), k=4))
+    yield last
+    yield from each(*rng.choices((*_DOWNLOADS, b"\x36\x03a", last, b"\x37", head + bytes(8)), k=5))
 
 
 def calibrations(rng: Random, of: World) -> Plan:
@@ -323,6 +310,7 @@ def calibrations(rng: Random, of: World) -> Plan:
 
 def controlled(rng: Random, of: World) -> Plan:
     """The jets run, or could, while a tester asks for what may not be then."""
+    erase = routine(Routine.ERASE, b"\0\0\x10\0" + bytes(32))
     yield from unlocking(Level.CALIBRATION)
     yield from each(write(Did.CALIBRATION_STORED, b"\1"), rng.choice((b"\x3e\0", b"\x28\1\1")))
     yield lambda program: program.control(12, False)
@@ -330,13 +318,10 @@ def controlled(rng: Random, of: World) -> Plan:
     yield from each(b"\x10\x02", routine(Routine.PRECONDITIONS), write(Did.CALIBRATION_STORED, b"\1"), b"\x28\x01\x01")
     yield write(Did.CALIBRATION_STORED, b"\0")
     yield from unlocking(Level.PROGRAMMING)
-    yield routine(Routine.ERASE, b"\0\0\x10\0" + bytes(32))
-    yield b"\x11\x01"
-    yield lambda program: program.control(60, None)
+    yield from each(erase, b"\x11\x01", lambda program: program.control(60, None))
     yield from unlocking(Level.PROGRAMMING)
-    yield lambda program: program.control(14, False)
-    yield lambda program: program.control(14, True)
-    yield from each(routine(Routine.ERASE, b"\0\0\x10\0" + bytes(32)), routine(Routine.REVERT))
+    yield from each(lambda program: program.control(14, False), lambda program: program.control(14, True))
+    yield from each(erase, routine(Routine.REVERT))
     yield from each(*(write(Did.KEY_LIST, one) for one in of.key_lists), b"\x11\x01", b"\x10\x02", b"\x10\x01")
     yield lambda program: program.control(60, None)
 
@@ -346,15 +331,11 @@ def failing(rng: Random, of: World) -> Plan:
     level = rng.choice(list(Level))
     yield from rng.choice((unlocking(level), each(b"\x10\x02")))
     fails = rng.choice((1, 2, 3))
-    yield lambda program: program.twins.fail(fails)
-    yield bytes([0x27, level])
-    yield bytes([0x27, level + 1]) + bytes(16)
-    yield from each(
-        routine(Routine.ACTIVATE), write(Did.CALIBRATION_STORED, b"\1"), b"\x36\x01a", routine(Routine.CONFIRM)
-    )
+    unlocks = (bytes([0x27, level]), bytes([0x27, level + 1]) + bytes(16))
+    yield from each(lambda program: program.twins.fail(fails), *unlocks)
+    yield from each(routine(Routine.ACTIVATE), write(Did.CALIBRATION_STORED, b"\1"))
+    yield from each(b"\x36\x01a", routine(Routine.CONFIRM))
     yield lambda program: program.twins.fail(0)
     for _ in range(rng.choice((0, 0, 0, 4, 260))):
         yield lambda program: program.wait(rng.choice((1, 10_000, 10_001)) * MS)
-        yield bytes([0x10, 2 if level is Level.PROGRAMMING else 3])
-        yield bytes([0x27, level])
-        yield bytes([0x27, level + 1]) + bytes(16)
+        yield from each(bytes([0x10, 2 if level is Level.PROGRAMMING else 3]), *unlocks)

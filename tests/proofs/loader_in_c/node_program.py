@@ -14,8 +14,7 @@ from tests.proofs.loader_in_c.node_plans import Plan, any_noise, any_of
 from tests.proofs.loader_in_c.node_twin import MS, Twins, World, as_in_c, frame_to
 from tests.proofs.loader_in_c.xcp_tool import XcpTool
 
-_MOST_TICKS: Final = 1500
-"""Without an answer, after which a tester goes on."""
+_MOST_TICKS: Final = 1500  # without an answer, after which a tester goes on
 _STEPS_NS: Final = (MS // 5, MS, MS, MS, 2 * MS, 3 * MS)
 _JUMPS_NS: Final = (30 * MS, 400 * MS, 1001 * MS, 2600 * MS, 5001 * MS, 11_000 * MS, -5 * MS)
 
@@ -23,9 +22,8 @@ _CONTROL: Final = (0x00, 0x02, 0x10, 0x11, 0x20, 0x21, 0x30, 0x31, 0x32, 0x33)
 
 
 class Program:
-    """One tester, one vehicle, one seed. `trouble` is the share of frames and times that are not as they should be; if
-    `calm`, the tester is quick, the vehicle never asks for control, and no release is from production. `sent` has
-    requests of plans, as they stood there."""
+    """One tester, one vehicle, one seed. `trouble` is the share of frames and times that are wrong. If `calm`, the
+    tester is quick, the vehicle never asks for control, and no release is from production. `sent`: plans' requests."""
 
     def __init__(self, of: World, seed: int | str, *, trouble: float = 0.02, calm: bool = False) -> None:
         self._rng = rng = Random(seed)

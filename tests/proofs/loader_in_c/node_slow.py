@@ -6,28 +6,28 @@ from functools import partial
 from typing import Final
 
 from can_bridge.e2e.sender import E2eSender
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.isotp import control_info
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from ecu.flashable.links import isotp_settings
 from tests.can_bridge.flashing.store_ecu import KEY
-from tests.proofs.loader_in_c.node_library import BUSY, DRIVES_JETS, WAITS, WANTS_RESET, WRITES
-from tests.proofs.loader_in_c.node_twin import MS, World, frame_to, powered, pressures
+from tests.proofs.loader_in_c.node_library import BUSY, DRIVES_JETS, WAITS, WANTS_RESET, WRITES, Host
+from tests.proofs.loader_in_c.node_twin import MS, TEXTS, World, frame_to, pressures
+from tests.proofs.loader_in_c.store_library import rules
 
 _PENDING: Final = 0x78
-_MOST: Final = 3000
-"""Looks that an answer may take."""
+_MOST: Final = 3000  # looks that an answer may take
 
 
 class Slow:
     """A node with release "one", and a tester; a look is a millisecond."""
 
     def __init__(self, of: World) -> None:
-        self.node, bus = powered(of, of.images["one"]), of.config.bus
+        self.node, bus = Host(of.library, rules(of.vehicle), TEXTS, of.images["one"]), of.config.bus
         self.ids, self.frame = bus.diagnosis, partial(frame_to, bus)
-        self._end = Endpoint(isotp_settings(bus, is_tester=True))
+        self.end = Endpoint(isotp_settings(bus, is_tester=True))
         self._pressures = E2eSender(message_set(bus).pressure.spec)
         self._emit = message_set(bus).pressure.emit
         self.now_ns, self.asks = MS, False
@@ -35,12 +35,12 @@ class Slow:
 
     def look(self, *frames: Frame) -> list[bytes]:
         """Whole answers that come in a millisecond."""
-        sent = self.node.service(self.now_ns, [*self._end.poll(self.now_ns), *frames])
+        sent = self.node.service(self.now_ns, [*self.end.poll(self.now_ns), *frames])
         self.frames[len(sent)] += 1
         for frame in sent:
-            self._end.receive(self.now_ns, frame)
+            self.end.receive(self.now_ns, frame)
         self.now_ns += MS
-        return self._end.take()
+        return self.end.take()
 
     def control(self, periods: int) -> None:
         """So many, 20 ms apart, with pressures; looks in between."""
@@ -52,16 +52,13 @@ class Slow:
 
     def ask(self, request: bytes) -> list[tuple[int, bytes]]:
         """Answers, with the looks that each took."""
-        self._end.send(request)
+        self.end.send(request)
         found = list[tuple[int, bytes]]()
         for count in range(_MOST):
             found += [(count, answer) for answer in self.look()]
             if found and not (found[-1][1][0] == 0x7F and found[-1][1][2] == _PENDING):
                 return found
         raise AssertionError((request.hex(), found))
-
-    def ask_later(self, request: bytes) -> None:
-        self._end.send(request)
 
     def single(self, request: bytes) -> Frame:
         return self.frame(control_info.single(request))
@@ -84,7 +81,7 @@ def _about_to_erase(of: World, erase_ms: int) -> Slow:
     return slow
 
 
-def _erased_quickly(of: World) -> None:
+def erased_quickly(of: World) -> None:
     """A suppressed answer stays so if the erasure ends before its tester had to hear of it."""
     slow = _about_to_erase(of, 20)
     assert slow.look(slow.single(b"\x27\x83")) == [] and slow.node.fact(WAITS)
@@ -94,7 +91,6 @@ def _erased_quickly(of: World) -> None:
 
 def erased_beside(of: World) -> None:
     """What has to write waits for an erasure that is at work, and hears so; what only reads is answered at once."""
-    _erased_quickly(of)
     slow = _about_to_erase(of, 200)
     if (every := slow.ids.functional) is not None:
         # One to every ECU waits as well, but for a longer one that is on its way to this.
@@ -127,12 +123,12 @@ def with_few_places(of: World) -> None:
     assert len(slow.ask(b"\x22\xfd\x01")[-1][1]) > 100 and max(slow.frames) == 1
     slow.node.set(0, 0)
     slow.look(slow.frame(b"\x10\x40" + bytes(6)))
-    slow.ask_later(b"\x10\x02")
+    slow.end.send(b"\x10\x02")
     assert [slow.look() for _ in range(9)] == [[]] * 9 and not slow.node.fact(WAITS)
     slow.node.set(0, 8)
     assert slow.look()[0][:2] == b"\x50\x02"
     slow.node.set(0, 0)
-    slow.ask_later(b"\x11\x01")
+    slow.end.send(b"\x11\x01")
     assert [slow.look() for _ in range(9)] == [[]] * 9 and not slow.node.fact(WANTS_RESET)
     slow.node.set(0, 3)
     assert slow.look() == [b"\x51\x01"] and slow.node.fact(WANTS_RESET) and slow.node.fact(WAITS)
@@ -168,10 +164,13 @@ def reset_behind_jets(of: World) -> None:
     slow = Slow(of)
     slow.control(60)
     slow.ask(b"\x10\x02")
-    slow.ask_later(b"\x11\x01")
+    slow.end.send(b"\x11\x01")
     assert slow.look() == [b"\x51\x01"]
     slow.asks = True
     slow.control(1)
     assert slow.node.fact(DRIVES_JETS) and not slow.node.fact(WANTS_RESET)
     slow.control(1)
     assert slow.node.fact(WANTS_RESET) and not slow.node.fact(DRIVES_JETS)
+
+
+STORIES: Final = (erased_quickly, erased_beside, with_few_places, beside_jets, reset_behind_jets)

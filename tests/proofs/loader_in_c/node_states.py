@@ -3,8 +3,6 @@
 A tester leads both into a state: sessions, locked and unlocked, wrong keys and the time after them, a transfer at each
 of its stages, a release refused, activated, on trial, given up, the jets running, the memory failing. Then it asks for
 what there is and is not, mostly for what leaves the state as it is.
-
-    python -m tests.proofs uds_states --json results/uds_states.json
 """
 
 import tempfile
@@ -17,8 +15,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.state import SlotPhase
+from can_bridge.flashing.state import Level, SlotPhase
 from can_bridge.uds.services import Did, Routine, Service
 from contract.errors import StillwakeError
 from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, report
@@ -27,10 +24,9 @@ from tests.proofs.loader_in_c.node_library import GEOMETRY, Library, build, sour
 from tests.proofs.loader_in_c.node_program import Program
 from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, OTHERS, Twins, World, as_in_c, world
 
-REQUESTS: Final = 2_000
-"""Of one vehicle."""
-_VISIT: Final = 60
-"""Requests until another state is led to."""
+Met = Counter[tuple[str, int]]  # requests by the state that each found, and by service
+REQUESTS: Final = 2_000  # of one vehicle
+_VISIT: Final = 60  # requests until another state is led to
 _MOST_TICKS: Final = 400
 _KEEPS: Final = (Service.READ, Service.REPORT_FAULTS, Service.SECURITY, Service.WRITE, Service.ROUTINE)
 """Services that mostly leave a session as it is."""
@@ -64,10 +60,7 @@ def _then(plan: plans.Plan, *last: Any) -> plans.Plan:
     yield from plans.each(*last)
 
 
-_JETS: Final[tuple[plans.Step, ...]] = (
-    lambda program: program.control(12, False),
-    lambda program: program.control(10, True),
-)
+_JETS: Final[tuple[plans.Step, ...]] = (lambda own: own.control(12, False), lambda own: own.control(10, True))
 LEADS: Final[Mapping[str, Callable[[Random, World], plans.Plan]]] = {
     "default session": lambda rng, of: plans.each(b"\x10\x01"),
     "extended session": lambda rng, of: plans.each(b"\x10\x03"),
@@ -93,7 +86,6 @@ LEADS: Final[Mapping[str, Callable[[Random, World], plans.Plan]]] = {
     "control asked for": lambda rng, of: plans.each(lambda program: program.control(3, True), b"\x10\x03"),
     "the memory fails": lambda rng, of: _then(plans.unlocking(Level.PROGRAMMING), lambda own: own.twins.fail(1)),
 }  # fmt: skip
-"""Ways into states."""
 
 
 def _grid(rng: Random) -> bytes:
@@ -108,17 +100,16 @@ def _grid(rng: Random) -> bytes:
     else:
         body = bytes([rng.choice((0, 1, 2, 3, 4, 6, 10, 0x81, 0x82, rng.randrange(256)))])
     length = rng.choice((0, 0, 0, 1, 1, 2, 3, 4, 8, 16, 24, 28, 36))
-    return (
-        bytes([service]) + body[: rng.choice((9, 9, 9, 9, 1, 0))] + rng.choice((bytes(length), rng.randbytes(length)))
-    )
+    head = bytes([service]) + body[: rng.choice((9, 9, 9, 9, 1, 0))]
+    return head + rng.choice((bytes(length), rng.randbytes(length)))
 
 
 class Prober(Program):
-    """A tester who is answered at once; `met` counts requests by the state that each found, and by service."""
+    """A tester who is answered at once."""
 
     def __init__(self, of: World, seed: str) -> None:
         super().__init__(of, seed, trouble=0.0)
-        self.met = Counter[tuple[str, int]]()
+        self.met = Met()
         self._own = Random(f"{seed} probes")
 
     def visit(self, requests: int, stay: int) -> Twins:
@@ -169,16 +160,14 @@ class Prober(Program):
         return ", ".join(str(part) for part in parts if part)
 
 
-def visited(of: World, seed: str, requests: int, stay: int = _VISIT) -> tuple[Twins, Counter[tuple[str, int]]]:
+def visited(of: World, seed: str, requests: int, stay: int = _VISIT) -> tuple[Twins, Met]:
     """Both ECUs after so many requests, those that lead into states among them; which others came in which state."""
     with as_in_c(of):
         prober = Prober(of, seed)
         return prober.visit(requests, stay), prober.met
 
 
-def _asked(
-    kind: str, library: Path, seed: int, part: range
-) -> tuple[list[str], Counter[tuple[str, int]], Counter[str]]:
+def _asked(kind: str, library: Path, seed: int, part: range) -> tuple[list[str], Met, Counter[str]]:
     """What differed, which requests came in which state, and how often answers of each kind came."""
     of = world(kind, Library(sources((CONFIGS | OTHERS)[kind]), library))
     twins, met = visited(of, f"{seed} {part.start}", len(part))
@@ -192,7 +181,7 @@ def main(
     requests: Annotated[int, typer.Option(help="Requests to both ECUs, shared among the builds.", min=4)] = 1_000_000,
 ) -> None:
     """Send requests of all kinds to both ECUs in every state of diagnosis; the answers must be alike."""
-    differences, met, seen = list[str](), Counter[tuple[str, int]](), Counter[str]()
+    differences, met, seen = list[str](), Met(), Counter[str]()
     kinds = CONFIGS | OTHERS
     with tempfile.TemporaryDirectory() as name:
         for kind, config in kinds.items():

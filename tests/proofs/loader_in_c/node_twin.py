@@ -15,7 +15,7 @@ from unittest.mock import patch
 import numpy as np
 
 from can_bridge.e2e.sender import E2eSender
-from can_bridge.flashing.checking import Rules, fits_as, judge_image
+from can_bridge.flashing.checking import Rules, fits_as
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.isotp import control_info
@@ -27,7 +27,7 @@ from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Pressure
 from contract.config.diagnosis import CanId, DiagnosisConfig
 from contract.config.tree import Config
-from contract.config.vehicle import BenefitCheckConfig, BusConfig, EcuConfig, SensorCheckConfig
+from contract.config.vehicle import BenefitCheckConfig, BusConfig, EcuConfig
 from contract.release import controller_image, key_list, signing
 from contract.release.checks import Bundle
 from contract.release.controller_image import ImageFacts
@@ -37,16 +37,14 @@ from ecu.flashable.flashable_ecu import FlashableEcu
 from ecu.flashable.vehicle_fit import self_test
 from tests.can_bridge.flashing.plain_backing import PlainBacking
 from tests.can_bridge.flashing.releases import HARDWARE, RELEASE, ROOT, SECOND, STRANGER, keys, provision
-from tests.can_bridge.flashing.store_ecu import KEY, SECRET, Counted
+from tests.can_bridge.flashing.store_ecu import KEY, counted
 from tests.ecu.conftest import RecordingController
 from tests.proofs.ecu.hostile_world import small_bundle
-from tests.proofs.ecu_in_c.variants import KEY as BUS_KEY
+from tests.proofs.ecu_in_c import variants
 from tests.proofs.loader_in_c.node_library import SLOT_BYTES, WANTS_RESET, Host, Library
-from tests.proofs.loader_in_c.store_library import FACTS, LAYOUT, opens, rules
+from tests.proofs.loader_in_c.store_library import FACTS, judged, rules
 
-UNCHECKED: Final = EcuConfig(
-    sensor_check=SensorCheckConfig(enabled=False), benefit_check=BenefitCheckConfig(enabled=False)
-)
+UNCHECKED: Final = EcuConfig(sensor_check=variants.UNCHECKED, benefit_check=BenefitCheckConfig(enabled=False))
 IDS: Final = DiagnosisConfig(request_id="0x18DA5AF1", response_id="0x18DAF15A", functional_id="0x18DB33F1")
 CONFIGS: Final = {
     "fd": Config(ecu=UNCHECKED),
@@ -64,13 +62,10 @@ MS: Final = 1_000_000
 def facts(config: Config, name: str, version: int = 1, **changes: Any) -> ImageFacts:
     point = config.operating_point
     own = {
-        "digest": hashlib.sha256(f"{name} {version}".encode()).digest(),
-        "period_ns": config.period_ns,
-        "operating_point": (point.width, point.speed, point.density),
-        "action_limit": config.flow.action_limit,
-        "sensors": 4,
-        "hardware": None,
-    }
+        "digest": hashlib.sha256(f"{name} {version}".encode()).digest(), "period_ns": config.period_ns,
+        "operating_point": (point.width, point.speed, point.density), "action_limit": config.flow.action_limit,
+        "sensors": 4, "hardware": None,
+    }  # fmt: skip
     return replace(FACTS, name=name, security_version=version, **{**own, **changes})
 
 
@@ -88,6 +83,7 @@ class World(NamedTuple):
     images: dict[str, bytes]
     key_lists: tuple[bytes, ...]
     foreign_lists: tuple[bytes, ...]
+    vehicle: bytes  # an image's header, made for it
 
 
 def world(kind: str, library: Library) -> World:
@@ -124,19 +120,8 @@ def world(kind: str, library: Library) -> World:
     }
     lists = (keys(1), keys(2, RELEASE, SECOND), keys(3, RELEASE, revoked=(SECOND,)), keys(4, RELEASE, SECOND))
     evil = key_list.encode(replace(key_list.decode(lists[3], signing.public_key(ROOT)), version=9), STRANGER)
-    return World(config, library, bundle, images, lists, (evil, lists[1][:-1], lists[3] + b"\n"))
-
-
-def rules_of(of: World) -> bytes:
-    return rules(controller_image.seal(b"", facts(of.config, "vehicle"), None))
-
-
-def powered(of: World, image: bytes) -> Host:
-    """A node in C just powered on, with a release that is confirmed, or none if it is empty."""
-    node = Host(of.library, rules_of(of), SECRET, TEXTS)
-    node.provision(keys(), image, hashlib.sha256(image).digest())
-    node.power_on()
-    return node
+    vehicle = controller_image.seal(b"", facts(config, "vehicle"), None)
+    return World(config, library, bundle, images, lists, (evil, lists[1][:-1], lists[3] + b"\n"), vehicle)
 
 
 def frame_to(bus: BusConfig, data: bytes, to: CanId | None = None, now_ns: int = 0) -> Frame:
@@ -154,8 +139,7 @@ def may_run(of: World, image: bytes) -> bool:
 
 def checked(image: bytes, rules: Rules, *, of: World) -> tuple[Verdict, Bundle | None]:
     """The verdict on an image for microcontrollers, and its release as a bundle."""
-    fits = fits_as(controller_image.seal(b"", facts(of.config, "vehicle"), None))
-    verdict, found = judge_image(image, replace(rules, fits=fits), layout=LAYOUT, opens=opens)
+    verdict, found = judged(image, replace(rules, fits=fits_as(of.vehicle)))
     if found is None:
         return verdict, None
     manifest = replace(of.bundle.manifest, name=found.name, security_version=found.security_version)
@@ -197,7 +181,7 @@ class Twins:
     def __init__(self, of: World, *, first: str | None = "one") -> None:
         self._config = of.config
         image = b"" if first is None else of.images[first]
-        self.c = powered(of, image)
+        self.c = Host(of.library, rules(of.vehicle), TEXTS, image)
         self.backing = provision(PlainBacking(capacity=SLOT_BYTES), image or None, check=partial(checked, of=of))
         equipment = Equipment(
             root=signing.public_key(ROOT),
@@ -208,10 +192,10 @@ class Twins:
             software=TEXTS[2],
             controller_of=lambda bundle: _Controller(self),
         )
-        self._authentication = Authentication(key=BUS_KEY) if of.config.bus.key else None
+        self._authentication = Authentication(key=variants.KEY) if of.config.bus.key else None
         self._freshness = Freshness(trip=1)
         self.python = FlashableEcu(self.backing, of.config, equipment, authentication=self._authentication)
-        _living[:], self.fails, seeds = [self], 0, Counted()
+        _living[:], self.fails, seeds = [self], 0, counted()
         self._waits_for_control, self.reset_ns = False, 0
         self._pressures = E2eSender(message_set(of.config.bus).pressure.spec)
         self.now_ns, self.due_ns = MS, MS
@@ -278,4 +262,4 @@ class Twins:
         of, freshness = message_set(self._config.bus).pressure, self._freshness
         frame = self._pressures.frame(of.emit(pressures(enable)), now_ns=self.now_ns)
         self._freshness = freshness.next()
-        return frame if self._authentication is None else secure(frame, of.spec, BUS_KEY, freshness)
+        return frame if self._authentication is None else secure(frame, of.spec, variants.KEY, freshness)

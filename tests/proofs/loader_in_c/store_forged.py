@@ -122,9 +122,6 @@ def forged(pair: Pair, seed: str, records: int) -> tuple[int, int]:
     return records, run
 
 
-# --- The log ---
-
-
 def newest(sectors: bytes, unreadable: bytes) -> dict[RecordKind, bytes]:
     """The newest record of each kind, as the drawing in the loader's README has it: a reader of its own."""
     words = [None if unreadable[at // WORD] else sectors[at : at + WORD] for at in range(0, len(sectors), WORD)]
@@ -191,8 +188,6 @@ def any_sector(rng: Random, sequence: int) -> bytes:
                 whole = struct.pack(">BBH", 0xA5, rng.randrange(6), rng.choice((0, 25, 8192, 8193, 65535))).ljust(WORD)
             case 4:
                 whole = rng.choice((b"\xff" * WORD, rng.randbytes(WORD), b"\x5a" + whole[1:]))
-            case _:
-                pass
         if len(found) + len(whole) <= SECTOR:
             found += whole
     if rng.random() < 0.2 and len(found) <= SECTOR - 2 * WORD:

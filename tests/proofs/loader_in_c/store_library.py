@@ -3,12 +3,14 @@
 import hashlib
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import cffi
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
+from can_bridge.flashing import checking
 from contract.release import controller_image, signing
 from contract.release.checks import dbc_sha256
 from contract.release.controller_image import HEADER_BYTES, VEHICLE, ImageFacts, seal
@@ -49,11 +51,6 @@ def sources() -> dict[str, bytes]:
     return found | {TWIN: Path(__file__).with_name("c").joinpath(TWIN).read_bytes()}
 
 
-def opens(payload: bytes) -> bool:
-    """What the stub of `sw_image_open` in `store_twin.c` takes, and that of `node_host.c`."""
-    return payload[:1] != b"\xff"
-
-
 def image(
     name: str, length: int = 900, *, key: Ed25519PrivateKey | None = RELEASE, first: bytes = b"", **changes: Any
 ) -> bytes:
@@ -77,10 +74,11 @@ def rules(like: bytes) -> bytes:
     return signing.public_key(ROOT).raw + LAYOUT + FACTS.dbc + hardware + like[VEHICLE]
 
 
+judged: Final = partial(checking.judge_image, layout=LAYOUT, opens=lambda payload: payload[:1] != b"\xff")
+"""The verdict on an image in Python, and its facts. The stubs of `sw_image_open` open the same payloads."""
 ONE: Final = image("one")
 GOOD: Final = {"one": ONE, "two": image("two", 2500, security_version=2), "three": image("three", 64, key=SECOND)}
-LONG: Final = image("long", 2 * SLOT_BYTES // 3)
-"""It needs both sectors of a slot."""
+LONG: Final = image("long", 2 * SLOT_BYTES // 3)  # it needs both sectors of a slot
 WRONG: Final = {
     "unsigned": image("x", key=None), "stranger": image("x", key=STRANGER), "signature": ONE[:500] + b"\1" + ONE[501:],
     "dbc": image("x", dbc=bytes(32)), "build": image("x", layout=bytes(32)), "hardware": image("x", hardware="other"),
@@ -94,6 +92,12 @@ WRONG: Final = {
     "no point": ONE[:416] + b"\2" + bytes(31) + ONE[448:],
 }  # fmt: skip
 assert controller_image.read(ONE).facts == FACTS
+RUNNABLE: Final = frozenset({*GOOD.values(), LONG, WRONG["any"], WRONG["full"]})
+RULES: Final = rules(ONE)
+SETTINGS: Final[dict[str, Any]] = {
+    "root": signing.public_key(ROOT), "hardware": HARDWARE, "fits": checking.fits_as(ONE), "check": judged,
+}  # fmt: skip
+"""Of the Python store, as `RULES` are of the one in C."""
 
 
 class Library:
@@ -108,4 +112,4 @@ class Library:
         self.c = self.ffi.dlopen(str(path))
 
     def judge(self, found: bytes, keys: bytes) -> int:
-        return int(self.c.twin_judge(found, len(found), keys, len(keys), rules(ONE), 1))
+        return int(self.c.twin_judge(found, len(found), keys, len(keys), RULES, 1))

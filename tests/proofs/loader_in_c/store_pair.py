@@ -5,38 +5,19 @@ Python store passes through in the call that was cut, and the Python store goes 
 """
 
 from collections.abc import Callable, Generator
-from functools import partial
 from typing import Any, Final
 
-from can_bridge.flashing import checking, report, state
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing import report, state
 from can_bridge.flashing.backing import MAX_RECORD, Long, MediumError, RecordKind, Slot, at_once
+from can_bridge.flashing.state import Level
 from can_bridge.flashing.store import OutOfOrderError, Store
 from contract.errors import ConfigError, KeyFileError
-from contract.release.signing import public_key
-from tests.can_bridge.flashing.releases import ROOT
-from tests.proofs.loader_in_c.store_library import (
-    GOOD,
-    HARDWARE,
-    LAYOUT,
-    LONG,
-    NEVER,
-    ONE,
-    SECTOR,
-    SLOT_BYTES,
-    WORD,
-    WRONG,
-    Library,
-    opens,
-    rules,
-)  # fmt: skip
+from tests.proofs.loader_in_c.store_library import NEVER, RULES, RUNNABLE, SECTOR, SETTINGS, SLOT_BYTES, WORD, Library
 
 DONE, MORE = range(2)
-FIRST_RECORD: Final = WORD - 2 * SECTOR
-"""Where it is, from slot A on."""
+FIRST_RECORD: Final = WORD - 2 * SECTOR  # where it is, from slot A on
 _CODES: Final = {OutOfOrderError: 3, KeyFileError: 4, MediumError: 5, ConfigError: 2}
 """How the C store answers what the Python store raises."""
-_RUNNABLE: Final = frozenset({*GOOD.values(), LONG, WRONG["any"], WRONG["full"]})
 
 
 class PowerCut(BaseException):
@@ -125,7 +106,7 @@ class Pair:
         self._ffi, self._c = library.ffi, library.c
         self._twin = self._ffi.new("uint64_t[]", self._c.twin_bytes() // 8 + 1)
         self._own, self._kept = self._c.twin_store(self._twin), self._c.twin_records(self._twin)
-        self._c.twin_erased(self._twin, rules(ONE))
+        self._c.twin_erased(self._twin, RULES)
         length = _place(Slot.B, SLOT_BYTES)
         self._memory = self._ffi.buffer(self._c.twin_memory(self._twin), length)
         self._unreadable = self._ffi.buffer(self._c.twin_unreadable(self._twin), length // WORD)
@@ -273,9 +254,7 @@ class Pair:
             raise PowerCut
         if has_lost:
             self._take_over()
-        check = partial(checking.judge_image, layout=LAYOUT, opens=opens)
-        fits = checking.fits_as(ONE)
-        self.store = Store(self.flash, root=public_key(ROOT), hardware=HARDWARE, fits=fits, check=check)
+        self.store = Store(self.flash, **SETTINGS)
 
     def _boot(self, name: str) -> None:
         self.store.boot()
@@ -352,6 +331,6 @@ class Pair:
         different = [f"{what}: {one!r} in Python, {two!r} in C" for what, (one, two) in seen.items() if one != two]
         if different:
             raise MismatchError("mismatches", f"{name}: {'; '.join(different)}")
-        if running is not None and bytes(self._ffi.buffer(image, running.length)) not in _RUNNABLE:
+        if running is not None and bytes(self._ffi.buffer(image, running.length)) not in RUNNABLE:
             raise MismatchError("unsigned", f"{name}: {running.name} runs")
         self._old, self.flash.passed = dict(self.flash.kept), []

@@ -4,43 +4,29 @@ import hashlib
 import struct
 import subprocess
 import tempfile
-import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from functools import partial
+from itertools import product
 from pathlib import Path
 from random import Random
 from typing import Any, Final
 
 from benchmarks.common.command_line import track
 from can_bridge.flashing import checking
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import RecordKind, Slot
+from can_bridge.flashing.state import Level
 from can_bridge.flashing.verdicts import Verdict
 from contract.release import key_list, signing
 from contract.release.signing import public_key
 from tests.can_bridge.flashing.releases import RELEASE, ROOT, SECOND, STRANGER, keys
 from tests.proofs.command_line import in_parts
 from tests.proofs.ecu_in_c.branch_coverage import branches, is_possible, without_reason
-from tests.proofs.ecu_in_c.planted import Planted
+from tests.proofs.ecu_in_c.planted import Planted, listed
+from tests.proofs.loader_in_c import store_library
 from tests.proofs.loader_in_c.node_library import build
 from tests.proofs.loader_in_c.store_forged import forged, logs
-from tests.proofs.loader_in_c.store_library import (
-    FLAGS,
-    GOOD,
-    HARDWARE,
-    LAYOUT,
-    LONG,
-    MEASURED,
-    ONE,
-    SLOT_BYTES,
-    WRONG,
-    Library,
-    opens,
-    resigned,
-    rules,
-    sources,
-)  # fmt: skip
+from tests.proofs.loader_in_c.store_library import FLAGS, GOOD, LONG, MEASURED, RULES, SETTINGS, WRONG, Library, sources
 from tests.proofs.loader_in_c.store_pair import DONE, FIRST_RECORD, Pair
 from tests.proofs.loader_in_c.store_stories import LISTS, RARE, Cuts, any_calls, cared, flash, provision, transfer
 
@@ -63,7 +49,7 @@ def images(seed: int, count: int) -> Iterator[bytes]:
         elif kind == 1:
             found = found[: random.randrange(len(found) + 1)]
         elif kind == 2:
-            found += random.randbytes(random.choice((1, 31, 700, SLOT_BYTES)))
+            found += random.randbytes(random.choice((1, 31, 700, store_library.SLOT_BYTES)))
         elif kind == 3:
             at = random.choice(_EDGES)
             found = found[:at] + bytearray(random.choice(_BASES))[at:]
@@ -73,48 +59,36 @@ def images(seed: int, count: int) -> Iterator[bytes]:
             key = random.choice((RELEASE, RELEASE, RELEASE, SECOND, STRANGER))
             if random.random() < 0.3:
                 found[16:48] = hashlib.sha256(found[512:]).digest()
-            found = bytearray(resigned(bytes(found), at, value[: 416 - at], key))
+            found = bytearray(store_library.resigned(bytes(found), at, value[: 416 - at], key))
         yield bytes(found)
 
 
 def fuzz(program: Path, seed: int, count: int) -> tuple[Counter[str], list[str]]:
     """Verdicts with their counts, and images that both judge differently; RuntimeError if a sanitiser ended it."""
     made = list(images(seed, count))
-    head = rules(ONE) + struct.pack(">I", len(LIST)) + LIST
+    head = RULES + struct.pack(">I", len(LIST)) + LIST
     sent = head + b"".join(struct.pack(">I", len(one)) + hashlib.sha256(one).digest() + one for one in made)
     done = subprocess.run([program], input=sent, capture_output=True, check=False)
     if done.returncode or len(done.stdout) != count:
-        raise RuntimeError(
-            f"ended with status {done.returncode} behind {len(done.stdout)} images: {done.stderr[:500]!r}"
-        )
-    given = checking.Rules(
-        keys=key_list.decode(LIST, public_key(ROOT)),
-        hardware=HARDWARE,
-        fits=checking.fits_as(ONE),
-        least_security_version=1,
-    )
+        raise RuntimeError(f"status {done.returncode} behind {len(done.stdout)} images: {done.stderr[:500]!r}")
+    allowed = key_list.decode(LIST, public_key(ROOT))
+    given = checking.Rules(keys=allowed, hardware=SETTINGS["hardware"], fits=SETTINGS["fits"], least_security_version=1)
     counts, different = Counter[str](), list[str]()
     for one, in_c in zip(made, done.stdout, strict=True):
-        is_judged = 0 < len(one) <= SLOT_BYTES
-        verdict = checking.judge_image(one, given, layout=LAYOUT, opens=opens)[0] if is_judged else _OUT_OF_RANGE
+        is_judged = 0 < len(one) <= store_library.SLOT_BYTES
+        verdict = store_library.judged(one, given)[0] if is_judged else _OUT_OF_RANGE
         counts[Verdict(verdict).name if is_judged else "refused"] += 1
         if verdict != in_c:
             different.append(f"{verdict} in Python, {in_c} in C: {one[:512].hex()}")
     return counts, different
 
 
-CALLS: Final = 200
-"""Calls of one seed."""
+CALLS: Final = 200  # calls of one seed
 _IMAGES: Final = 5_000
 UNREACHED: Final = {
     ("sw_records.c", "gathered(records, of, begin,"): "the call has just read them; they would have to fail in between"
 }
-"""Branches that nothing leads to, by the text of their line, and why they stand there all the same."""
-PLANTED: Final = tuple(
-    Planted(variant="", **item)
-    for item in tomllib.loads(Path(__file__).with_name("store_planted.toml").read_text(encoding="utf-8"))["planted"]
-)
-"""Faults in C, one at a time: the comparison, or the cuts, have to notice every one."""
+PLANTED: Final = listed(Path(__file__).with_name("store_planted.toml"))
 
 
 def is_found(item: Planted, folder: Path) -> bool:
@@ -133,12 +107,10 @@ def is_found(item: Planted, folder: Path) -> bool:
 
 
 def storage_figures(
-    *, seed: int, processes: int, images: int, calls: int, records: int, seconds: int, eighths: int = 8,
-    faults: bool = True,
-) -> dict[str, Any]:  # fmt: skip
-    """All figures: of altered `images`, of `calls` at random, of forged `records` and as many logs, of a supply cut in
-    `eighths` of the flash memory's operations and `seconds` times in the recovery from each; with `faults`, of planted
-    ones and of branches, too."""
+    *, seed: int, processes: int, images: int, calls: int, records: int, seconds: int, eighths: int, faults: bool
+) -> dict[str, Any]:
+    """All figures: of altered images, random calls, forged records and as many logs, a supply cut in `eighths` of the
+    memory's operations and `seconds` times in the recovery from each; with `faults`, of planted ones and branches."""
     cuts, findings, verdicts, different = Counter[str](), list[str](), Counter[str](), list[str]()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -204,9 +176,8 @@ def exercise(library: Library) -> None:
     forged(Pair(library), "branches", 3 * CALLS)
     logs(library, "branches", CALLS)
     verdicts_on_vectors(library)
-    for one in (*GOOD.values(), *WRONG.values()):
-        for listed in LISTS:
-            library.judge(one, listed)
+    for one, allowed in product(_BASES, LISTS):
+        library.judge(one, allowed)
 
 
 def worn(library: Library) -> None:

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from random import Random
 from typing import Final
 
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import RecordKind, Slot
-from can_bridge.flashing.state import SlotPhase
+from can_bridge.flashing.state import Level, SlotPhase
 from can_bridge.flashing.verdicts import Verdict
 from tests.can_bridge.flashing.releases import RELEASE, ROOT, SECOND, STRANGER, keys
 from tests.proofs.loader_in_c.store_library import GOOD, LONG, NEVER, SLOT_BYTES, WRONG, Library
@@ -30,8 +29,7 @@ LISTS: Final = (
         for text in (listed[:at] + value + listed[at + len(value) :],)
     ),
 )  # fmt: skip
-MOVE, APPEND = 1, 2
-"""`sw_records_limit`."""
+MOVE, APPEND = 1, 2  # `sw_records_limit`
 IMAGES: Final = (*GOOD.values(), *WRONG.values(), LONG)
 
 
@@ -120,9 +118,6 @@ _CALLS: Final = (
 )  # fmt: skip
 
 
-# The ways in which an ECU is used.
-
-
 def updated(pair: Pair) -> None:
     """A new release with two slots' worth of blocks, a calibration, and back."""
     flash(pair, GOOD["three"])
@@ -158,9 +153,7 @@ def refused(pair: Pair) -> None:
 
 
 STORIES: Final[tuple[Callable[[Pair], None], ...]] = (updated, given_up, refused)
-
-
-# What they, and the random calls, rarely come to.
+"""The ways in which an ECU is used."""
 
 
 def beyond(pair: Pair) -> None:
@@ -230,9 +223,8 @@ def cared(pair: Pair) -> None:
         # Moved; then the erasure begins, and is looked after, or is not tried again.
         assert pair.care() > 10
         found = [(pair.care(), pair.refuses(1)) for _ in range(5)]
-        assert [is_erasing for _, is_erasing in found] == ([True] * 3 if ends else [True])[: 3 * begins] + [False] * (
-            5 - (3 if ends else 1) * begins
-        )
+        erasing = begins * (3 if ends else 1)
+        assert [is_erasing for _, is_erasing in found] == [True] * erasing + [False] * (5 - erasing)
         if not (begins and ends):
             pair.call("announce", 700, bytes(32))
         pair.erases(2)
@@ -260,7 +252,7 @@ def cared(pair: Pair) -> None:
     assert not pair.refuses(300)
 
 
-RARE: Final = (beyond, tried, cared)
+RARE: Final = (beyond, tried, cared)  # what stories, and random calls, rarely come to
 
 
 def recovered(pair: Pair) -> None:

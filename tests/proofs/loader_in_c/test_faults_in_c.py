@@ -19,10 +19,7 @@ from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, Twins, as_in_c, worl
 
 FILE = "sw_faults.c"
 LOST = CODES[Reason.STREAM_LOST].to_bytes(3, "big")
-REPORTS = (
-    *(b"\x19\x01\xff", b"\x19\x01\x00", b"\x19\x02\xff", b"\x19\x02\x00", b"\x19\x0a"),
-    b"\x19\x04" + LOST + b"\x01",
-)
+REPORTS = (*map(bytes.fromhex, ["1901ff", "190100", "1902ff", "190200", "190a"]), b"\x19\x04" + LOST + b"\x01")
 PLANTED = (
     ("age >= SW_AGED_CYCLES", "age > SW_AGED_CYCLES"),
     ("const uint32_t age =", "const uint8_t age = (uint8_t)"),
@@ -68,7 +65,7 @@ class Course:
         assert self.twins.python.state.fail_safe.mode is OperatingMode.CONTROL
 
     def next_cycle(self) -> None:
-        """Through a reset, once the vehicle has asked for nothing for a second."""
+        """Through a reset, once the vehicle has asked for nothing for a second; then all reports."""
         self.periods(60, False)
         assert self.ask(b"\x10\x02")[0] == 0x50
         assert self.ask(b"\x11\x01")[0] == 0x51
@@ -81,6 +78,7 @@ class Course:
             self.twins.now_ns += MS
         self.periods(2, None)
         assert self.twins.python.resets == resets + 1
+        self.reports()
 
 
 def live(of: Any, library: Library) -> None:
@@ -94,14 +92,12 @@ def live(of: Any, library: Library) -> None:
         course.reports()
         course.into_control()
     course.next_cycle()
-    course.reports()
     for cycle in range(AGED_CYCLES + 4):
         course.into_control()
         if cycle == 2:
             course.periods(8, None)
             course.reports()
         course.next_cycle()
-        course.reports()
     # A controller that fails, and fails again as soon as the request rises.
     course.into_control()
     course.twins.fail(7)
@@ -141,19 +137,15 @@ def live(of: Any, library: Library) -> None:
             assert course.ask(b"\x14\xff\xff\xff") == b"\x7f\x14\x72"
         course.twins.fail(0)
         course.next_cycle()
-        course.reports()
     kept = course.twins.backing.kept[RecordKind.FAULTS]
-    ages = (7, 38, 39, 40, 254, 255)
-    rows = [
-        bytes([(0x08, 0x00, 0xFF)[at // len(ages) % 3], ages[at % len(ages)], at % 4]) for at in range(2 * len(CODES))
-    ]
+    statuses, ages = (0x08, 0x00, 0xFF), (7, 38, 39, 40, 254, 255)
+    rows = [bytes([statuses[at // 6 % 3], ages[at % 6], at % 4]) for at in range(2 * len(CODES))]
     bodies = [b"SWF1" + b"".join(row + bytes(range(SNAPSHOT_BYTES)) for row in rows[at::2]) for at in range(2)]
     forged = [one + crc32(one).to_bytes(4, "big") for one in bodies]
     for damaged in (*forged, kept[:-1] + b"\x00", b"SWF2" + kept[4:], kept[:-1], kept):
         course.twins.backing.keep(RecordKind.FAULTS, damaged)
         assert library.c.host_keep_faults(course.twins.c._room, damaged, len(damaged)) == 0
         course.next_cycle()
-        course.reports()
     # A fault while a full sector is erased, which takes 200 looks, is kept once that has ended.
     while library.c.host_keep_faults(course.twins.c._room, kept, len(kept)) == 0:
         pass
@@ -163,7 +155,6 @@ def live(of: Any, library: Library) -> None:
     course.periods(8, None)
     course.periods(200, False)
     course.next_cycle()
-    course.reports()
     # Clocks: beyond what a snapshot's 4 bytes count, and from before power-on.
     for one, now_ns in ((course, course.twins.now_ns + 50 * 86_400_000 * MS), (Course(of), 0)):
         one.into_control()

@@ -28,7 +28,7 @@ from tests.proofs.ecu_in_c.planted import changed
 from tests.proofs.loader_in_c.node_library import QUICK, SESSION, Library, build, sources
 from tests.proofs.loader_in_c.node_plans import confirmations, overtaken
 from tests.proofs.loader_in_c.node_program import play, play_plan
-from tests.proofs.loader_in_c.node_slow import beside_jets, erased_beside, reset_behind_jets, with_few_places
+from tests.proofs.loader_in_c.node_slow import STORIES
 from tests.proofs.loader_in_c.node_states import visited
 from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, Twins, World, as_in_c, frame_to, world
 from tests.proofs.loader_in_c.proof import sizes
@@ -224,10 +224,8 @@ def test_a_release_is_confirmed_after_its_self_test_alone(of: World) -> None:
 
 
 def test_a_slow_memory_and_a_full_controller_are_waited_for(of: World) -> None:
-    erased_beside(of)
-    with_few_places(of)
-    beside_jets(of)
-    reset_behind_jets(of)
+    for story in STORIES:
+        story(of)
 
 
 @pytest.mark.parametrize("faults", [PLANTED[1:2], pytest.param(PLANTED, marks=pytest.mark.proofs)])
@@ -264,7 +262,6 @@ UNREACHED = {
     ("sw_node.c", "return node->ecu.unfit != SW_REASON_NONE"): "the networks' stand-in computes every known answer",
     ("sw_node.c", "if (now_ns < 0) return 0;"): "no clock here begins before 0; the fuzzer's does",
 }
-"""Branches that nothing leads to, by the text of their line, and why they stand there all the same."""
 
 
 def missed(folder: Path, seeds: Sequence[int]) -> list[str]:
@@ -279,10 +276,8 @@ def missed(folder: Path, seeds: Sequence[int]) -> list[str]:
         assert play_plan(of, overtaken(of)).differences == []
         with as_in_c(of):
             ask_what_is_rare(Twins(of), of.config.bus)
-        erased_beside(of)
-        with_few_places(of)
-        beside_jets(of)
-        reset_behind_jets(of)
+        for story in STORIES:
+            story(of)
         library.c.host_dump()
         for file, at, counts in branches(place):
             if file in MEASURED:

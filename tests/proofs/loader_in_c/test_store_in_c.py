@@ -84,5 +84,4 @@ def test_worn_words_are_passed_over(library):
 
 @pytest.mark.slow  # compiles it
 def test_a_planted_fault_is_found(tmp_path):
-    """The others by `python -m tests.proofs flash_c`."""
     assert store_proof.is_found(store_proof.PLANTED[13], tmp_path)

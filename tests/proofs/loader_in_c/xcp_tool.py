@@ -8,7 +8,7 @@ from can_bridge.calibration.daq import MEASURED_ADDRESS, MEASURED_BYTES
 from can_bridge.calibration.segment import ADDRESS
 from can_bridge.calibration.xcp import Command
 from can_bridge.calibration.xcp_slave import IDLE_NS
-from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import Level
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 from contract.config.diagnosis import CanId
 from contract.config.vehicle import BusConfig
@@ -53,8 +53,7 @@ class XcpTool:
             return self._any()
         found = next(self._plan, None)
         while found is None:
-            own = (self._unlocking, self._unlocking, self._writing, self._paging, self._reading)
-            plans = (*own, self._measuring, self._measuring)
+            plans = (*2 * [self._unlocking], self._writing, self._paging, self._reading, *2 * [self._measuring])
             self._plan = rng.choice(plans)()
             found = next(self._plan, None)
         return found[: rng.randrange(9)] if rng.random() < 0.02 else found
@@ -62,9 +61,7 @@ class XcpTool:
     def _any(self) -> bytes:
         rng = self._rng
         command = rng.choice((*Command, rng.randrange(256)))
-        data = (
-            bytes([command, *rng.choices(_SMALL, k=7)]) if rng.random() < 0.7 else bytes([command]) + rng.randbytes(7)
-        )
+        data = bytes([command]) + (bytes(rng.choices(_SMALL, k=7)) if rng.random() < 0.7 else rng.randbytes(7))
         place = rng.choice((ADDRESS, MEASURED_ADDRESS)) + rng.randrange(-2, MEASURED_BYTES + 2)
         return data[:4] + place.to_bytes(4, "little") if rng.random() < 0.5 else data
 
@@ -124,9 +121,7 @@ class XcpTool:
         if rng.random() < 0.5:
             yield b"\xff\x00"
         odts = rng.choice((1, 2, 3, 12, 16))
-        yield b"\xd6"
-        yield b"\xd5\0\x01\0"
-        yield bytes([0xD4, 0, 0, 0, odts])
+        yield from (b"\xd6", b"\xd5\0\x01\0", bytes([0xD4, 0, 0, 0, odts]))
         for odt in range(odts):
             yield bytes([0xD3, 0, 0, 0, odt, rng.choice((1, 1, 2, 3))])
         for odt in range(odts):
@@ -136,11 +131,7 @@ class XcpTool:
                 at = MEASURED_ADDRESS + rng.randrange(MEASURED_BYTES - size + 1)
                 yield bytes([0xE1, 0xFF, size, 0]) + at.to_bytes(4, "little")
         yield b"\xe0\0\0\0\0\0\x01\0"
-        if rng.random() < 0.5:
-            yield b"\xde\x02\0\0"
-            yield b"\xdd\x01"
-        else:
-            yield b"\xde\x01\0\0"
+        yield from (b"\xde\x02\0\0", b"\xdd\x01") if rng.random() < 0.5 else (b"\xde\x01\0\0",)
         # It listens for a while, and says nothing, or little.
         yield from rng.choices((*9 * [b""], b"\xfd", b"\xdf\0\0\0", b"\xda", b"\xf4\x04\0\0\0\x01\0\x20"), k=60)
         yield rng.choice((b"\xde\0\0\0", b"\xdd\0", b"\xdd\x02", b"\xfe", b"\xfd"))

@@ -1,7 +1,5 @@
 """The fail-safe and flashing, explored state by state: the code itself, with every input, and every cut of the supply.
 
-    python -m tests.proofs models --json results/models.json
-
 An exploration ends when no new state appears, and what it says holds for any number of steps. A sabotage is a line of
 the exported C that is changed in a copy: the exploration must find it.
 """
@@ -52,25 +50,15 @@ class ViolationError(AssertionError):
 
 @dataclass(frozen=True)
 class Witness:
-    """What has been seen from outside.
+    """What has been seen from outside."""
 
-    Attributes:
-        latched: no control was begun since power-on, or since the latest fault.
-        asked: usable periods in a row that a fault asks for before it may end; 0 at power-on.
-        good: usable periods in a row since the fault, up to those that are asked for.
-        low: the request was low since.
-        high: the request as last received.
-        misses: periods without usable pressures in a row.
-        window: a bit for each of the last periods in which control was wanted: 1 without usable pressures.
-    """
-
-    latched: bool = True
-    asked: int = 0
-    good: int = 0
-    low: bool = False
-    high: bool = True
-    misses: int = 0
-    window: int = 0
+    latched: bool = True  # no control was begun since power-on, or since the latest fault
+    asked: int = 0  # usable periods in a row that a fault asks for before it may end; 0 at power-on
+    good: int = 0  # usable periods in a row since the fault, up to those that are asked for
+    low: bool = False  # the request was low since
+    high: bool = True  # the request as last received
+    misses: int = 0  # periods without usable pressures in a row
+    window: int = 0  # a bit for each of the last periods in which control was wanted: 1 without usable pressures
 
     def next(self, inputs: PeriodInputs, latch: bool, after: FailSafe, config: EcuConfig) -> "Witness":
         """What is seen after a period; raises ViolationError for what must not be."""
@@ -135,20 +123,15 @@ class Pair:
         ])  # fmt: skip
         self._c.fail_safe_step(_numbers(before), given, Reason.INTERNAL if latch else 0, self._after)
         mode, reason, request, misses, good, lost = found = list(self._after)
-        if self._is_alone:
-            return FailSafe(
-                mode=_MODES[mode],
-                reason=Reason(reason),
-                enable_request=bool(request),
-                misses=misses,
-                good=good,
-                lost=lost,
-            )
-        after = before.next(inputs, self.config)
-        after = after.latch(Reason.INTERNAL) if latch else after
-        if found != _numbers(after):
-            raise ViolationError(f"{_numbers(after)} in Python, {found} in C")
-        return after
+        if not self._is_alone:
+            after = before.next(inputs, self.config)
+            after = after.latch(Reason.INTERNAL) if latch else after
+            if found != _numbers(after):
+                raise ViolationError(f"{_numbers(after)} in Python, {found} in C")
+            return after
+        return FailSafe(
+            mode=_MODES[mode], reason=Reason(reason), enable_request=bool(request), misses=misses, good=good, lost=lost
+        )
 
 
 def _numbers(state: FailSafe) -> list[int]:
@@ -164,12 +147,10 @@ def every_input() -> list[PeriodInputs]:
     arrived = [*product((True,), (True, False), (Reason.NONE,), waits)]
     arrived += product((False,), (None, True, False), missing, waits[:2])
     return [
-        PeriodInputs(
-            usable=usable, enable_request=request, unusable_because=reason, fault=fault, updating=updating, **wait
-        )
+        PeriodInputs(usable=usable, enable_request=request, unusable_because=reason, fault=fault, updating=on, **wait)
         for usable, request, reason, wait in arrived
-        for fault, updating in product((None, Reason.CLOCK), (False, True))
-    ]  # fmt: skip
+        for fault, on in product((None, Reason.CLOCK), (False, True))
+    ]
 
 
 def explored_fail_safe(pair: Pair) -> dict[str, int]:
@@ -229,16 +210,14 @@ def _told(ways: dict[Any, Any], key: Any) -> list[str]:
 def _after(pair: Pair, state: FailSafe, requests: Sequence[bool | None]) -> FailSafe:
     """The state after a period for each request; None is a period without a usable frame."""
     for request in requests:
-        inputs = PeriodInputs(
-            usable=request is not None, enable_request=request, unusable_because=Reason.STREAM_LOST, window_full=True
-        )
+        usable, lost = request is not None, Reason.STREAM_LOST
+        inputs = PeriodInputs(usable=usable, enable_request=request, unusable_because=lost, window_full=True)
         state = pair.next(state, inputs)
     return state
 
 
 SABOTAGE: Final = tomllib.loads(Path(__file__).with_name("sabotage.toml").read_text(encoding="utf-8"))
-_FEW: Final = 1_500
-"""States in which a sabotage of flashing has to be found."""
+_FEW: Final = 1_500  # states in which a sabotage of flashing has to be found
 _COMPILED: Final = (
     "sw_hashes.c", "sw_records.c", "sw_release.c", "sw_store.c", "sw_store_judge.c", "sw_store_kept.c",
 )  # fmt: skip
@@ -268,48 +247,38 @@ def explored_flashing(folder: Path, most: int = 2**31, contents: Mapping[str, by
     return {name: int(count) for name, count in (line.split() for line in done.stdout.splitlines())}
 
 
-def found_in_fail_safe(one: dict[str, str], folder: Path) -> str:
-    """What the exploration of the fail-safe says to a changed line; "" if it finds nothing."""
-    for config in SETTINGS.values():
-        try:
-            explored_fail_safe(Pair(config, folder, (one["old"], one["new"])))
-        except ViolationError as error:
-            return str(error).partition(", after")[0]
-    return ""
-
-
-def found_in_flashing(one: dict[str, str], folder: Path) -> str:
-    """What the exploration of flashing says to a changed line; "" if it finds nothing."""
+def found(part: str, one: dict[str, str], folder: Path) -> str:
+    """What the exploration says to a changed line of this part; "" if it finds nothing."""
     try:
-        explored_flashing(folder, _FEW, Planted(variant="", **one).into(store_sources()))
+        if part == "flashing":
+            explored_flashing(folder, _FEW, Planted(**one).into(store_sources()))
+        else:
+            for config in SETTINGS.values():
+                explored_fail_safe(Pair(config, folder, (one["old"], one["new"])))
     except ViolationError as error:
-        return str(error).splitlines()[-1].partition(": ")[2]
+        text = str(error)
+        return text.splitlines()[-1].partition(": ")[2] if part == "flashing" else text.partition(", after")[0]
     return ""
 
 
 def main(json_file: JsonFile = None) -> None:
     """Explore all states of fail-safe and flashing, with each sabotage too. Fails at the first forbidden state."""
-    finders = {"fail_safe": found_in_fail_safe, "flashing": found_in_flashing}
     parts = dict[str, dict[str, Any]]()
     with TemporaryDirectory() as name:
         folder = Path(name)
-        of_settings = [
-            explored_fail_safe(Pair(config, folder)) for config in track(SETTINGS.values(), "fail-safe", "settings")
-        ]
+        pairs = (Pair(config, folder) for config in track(SETTINGS.values(), "fail-safe", "settings"))
+        of_settings = list(map(explored_fail_safe, pairs))
         parts["fail_safe"] = {key: sum(one[key] for one in of_settings) for key in of_settings[0]}
         parts["flashing"] = explored_flashing(folder)
         sabotaged = [
-            {"part": part, "what": one["what"], "found": finders[part](one, folder)}
-            for part in finders
+            {"part": part, "what": one["what"], "found": found(part, one, folder)}
+            for part in parts
             for one in track(SABOTAGE[part], part, "sabotages")
         ]
-    found = sum(bool(one["found"]) for one in sabotaged)
-    figures = {**parts, "sabotage": len(sabotaged), "sabotage_found": found, "sabotaged": sabotaged}
-    used = SETTINGS.items()
-    settings = {name: {key: getattr(config, key) for key in LENGTHS} for name, config in used}
-    report(
-        json_file, "models", figures, packages=("stillwake",), shown=("fail_safe", "flashing", "sabotage_found"),
-        settings=settings, sector_bytes=SECTOR,
-    )  # fmt: skip
+    counts = {"sabotage": len(sabotaged), "sabotage_found": sum(bool(one["found"]) for one in sabotaged)}
+    figures = {**parts, **counts, "sabotaged": sabotaged}
+    settings = {name: {key: getattr(one, key) for key in LENGTHS} for name, one in SETTINGS.items()}
+    facts: dict[str, Any] = {"settings": settings, "sector_bytes": SECTOR}
+    report(json_file, "models", figures, packages=("stillwake",), shown=(*parts, "sabotage_found"), **facts)
     if missed := [one["what"] for one in sabotaged if not one["found"]]:
         raise StillwakeError(f"{missed[0]}: the sabotage is not found")

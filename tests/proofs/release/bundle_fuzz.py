@@ -1,7 +1,5 @@
 """Damaged bundles, manifests, graphs and C headers by the thousand: each is refused by its name, or does no harm.
 
-    python -m tests.proofs bundle_fuzz --cases 100000 --json results/bundle_fuzz.json
-
 Every case is made from a small sound release and a seed. It may end in two ways: in an error of the project's own, in
 one printable line; or accepted. What is accepted without a manifest of its own (image, folder) must have the content
 that the sound bundle has. A manifest or a graph whose hashes were made right again is another one, which nobody signed:
@@ -13,7 +11,6 @@ import hashlib
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from random import Random
@@ -36,23 +33,20 @@ from tests.proofs.release import damage
 
 KINDS: Final = {"image": 30, "folder": 15, "manifest's bytes": 10, "manifest's values": 20, "graph": 20, "C header": 5}
 """Shares of the cases."""
-PIECE: Final = 1000
-"""Cases that a process runs at a time."""
+PIECE: Final = 1000  # cases that a process runs at a time
 
 
 class FuzzError(StillwakeError):
     """A case that was neither refused by name nor harmless; the message has its number."""
 
 
-@dataclass(kw_only=True, eq=False)
-class Sound:
-    """What all cases are made from: a bundle's files, and the header of a C library of the same program; and what
-    memory the process had taken by then, in MB."""
+class Sound(NamedTuple):
+    """What all cases are made from: a bundle, and the header of a C library of the same program."""
 
     files: Mapping[str, bytes]
     header: bytes
     manifest: Manifest
-    max_rss_mb: float
+    max_rss_mb: float  # of the process by then
 
 
 @cache
@@ -112,8 +106,7 @@ def run_cases(seed: int, numbers: range) -> tuple[list[Ended], float, float]:
 
 
 def run_case(folder: Path, seed: int, number: int) -> Ended:
-    """Make one case and have it read; raises FuzzError if it was accepted and should not have been, or the error is not
-    one printable line."""
+    """Make one case and have it read; raises FuzzError if it is wrongly accepted, or its error is no printable line."""
     # Not `hash`, which differs between processes.
     rng = Random(int.from_bytes(hashlib.sha256(f"{seed} {number}".encode()).digest()[:8], "big"))
     kind = rng.choices(list(KINDS), weights=list(KINDS.values()))[0]

@@ -13,7 +13,7 @@ from contract.recording import dataset
 from contract.recording.findings import findings
 from stillwake.commands.dataset.inspecting import _draw, _needs_settings, episodes_table
 from tests import foreign_plant
-from tests.contract.recording.test_summary import data, wave
+from tests.contract.recording.test_findings import data, wave
 from tests.foreign_plant import LIMIT, NAMES, PERIOD
 
 FACTS = ("--set", f"flow.control_period={PERIOD}", "--set", f"flow.action_limit={LIMIT}")

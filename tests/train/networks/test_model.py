@@ -1,7 +1,5 @@
-"""Each term of the loss against numbers worked out by hand or from its formula.
-
-The shared recurrence is torch's LSTM, window by window.
-"""
+"""Each term of the loss against numbers worked out by hand or from its formula; the shared recurrence is torch's
+LSTM, window by window."""
 
 import math
 
@@ -73,17 +71,11 @@ def test_joint_loss_against_a_sample_by_sample_unroll():
     prediction, force, decode = (torch.stack(values).mean() for values in (squares, forces, decoded))
     variance = torch.stack([variance_loss(z) for z in stacked]).mean()
     covariance = torch.stack([covariance_loss(z) for z in stacked]).mean()
-    expected = {
-        "prediction": prediction,
-        "force": force,
-        "decode": decode,
-        "variance": variance,
-        "covariance": covariance,
-        "total": prediction + 0.3 * force + 0.6 * decode + 0.7 * variance + 0.4 * covariance,
-    }
+    expected = {"prediction": prediction, "force": force, "decode": decode}
+    expected |= {"variance": variance, "covariance": covariance}
+    expected["total"] = prediction + 0.3 * force + 0.6 * decode + 0.7 * variance + 0.4 * covariance
     for name, value in terms.items():
         torch.testing.assert_close(value, expected[name], rtol=1e-5, atol=1e-6)
-
     parameters = list(model.parameters())
     found = torch.autograd.grad(terms["total"], parameters, retain_graph=True)
     for gradient, wanted in zip(found, torch.autograd.grad(expected["total"], parameters), strict=True):
@@ -115,7 +107,6 @@ def test_values_and_gradients_are_those_of_nn_lstm(lstm):
             plain = last_hidden(segments, WINDOW, *lstm.all_weights[0])
         assert not plain.requires_grad
         torch.testing.assert_close(plain, shared.detach(), rtol=0, atol=0)
-
         direction = torch.randn_like(expected)
         wanted = [segments, *lstm.parameters()]
         gradients = torch.autograd.grad(shared, wanted, direction)

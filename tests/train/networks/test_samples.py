@@ -1,9 +1,4 @@
-"""Rows against the episodes they are made of.
-
-Batches against brute force, and the noise added to them.
-
-Scaling against its mirror image, and what is refused.
-"""
+"""Rows against the episodes they are made of, batches against brute force, and scaling against its mirror image."""
 
 from dataclasses import replace
 
@@ -12,8 +7,9 @@ import pytest
 import torch
 
 from contract import sensors
-from contract.errors import DatasetError
+from contract.errors import ConfigError, DatasetError
 from contract.recording.dataset import Episode
+from tests.train.conftest import LAYOUT
 from train.networks.samples import Rows, SegmentSampler, add_sensor_noise, fit_scaling, prepare
 
 
@@ -102,6 +98,18 @@ def test_noise_is_one_pressure_everywhere_and_spares_the_action(small_recording)
 
 def with_series(episode: Episode, **series: np.ndarray) -> Episode:
     return replace(episode, series={**episode.series, **series})
+
+
+def test_without_mirror_images_scaling_is_that_of_the_recording_alone(foreign_recording):
+    episodes = foreign_recording.with_role("train")
+    scaling = fit_scaling(episodes, LAYOUT)
+    rows = prepare(episodes, scaling, mirrored=False, layout=LAYOUT)
+    assert rows.inputs.shape == (870, 8)
+    torch.testing.assert_close(rows.inputs[:, :7].mean(dim=0), torch.zeros(7), rtol=0, atol=1e-5)
+    # An action is not shifted: none stays zero.
+    assert rows.actions[-100:-20].abs().max() == 0.0
+    with pytest.raises(ConfigError, match="no mirror images"):
+        prepare(episodes, scaling, mirrored=True, layout=LAYOUT)
 
 
 def test_scaling_commutes_with_mirroring(small_recording):

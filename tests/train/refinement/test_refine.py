@@ -20,15 +20,9 @@ from tests.each import each
 from tests.train.refinement.oscillator import DRAG, MIDDLES, START, Oscillator
 from train.fitting.progress import Phase, silent
 from train.fitting.unfinished import Checkpoints, Identity
+from train.refinement import pipeline
 from train.refinement.feedback import Feedback
-from train.refinement.pipeline import (
-    PREDICTOR_RIDGE,
-    SPEEDS_AT_REST,
-    check_pairs,
-    check_prices,
-    predictor,
-    resting_by_speed,
-)
+from train.refinement.pipeline import check_pairs, check_prices, predictor, resting_by_speed
 from train.refinement.refine import Done, Refined, _next_goal, done, refine
 from train.refinement.windows import ROUNDED, Price, Stream, StretchReadings, Task, differentiate
 
@@ -197,7 +191,7 @@ def test_the_predictor_finds_a_linear_system_and_needs_stretches_longer_than_its
     # Rows of sqrt(ridge m) times the scale under the regressors give the same least squares.
     noisy = stretches[0] + rng.normal(0.0, 0.05, (80, 2))
     X, T = np.array([noisy[k - 2 : k + 1].ravel() for k in range(2, 79)]), noisy[3:, :1]
-    padded = np.vstack([X, np.diag(np.sqrt(PREDICTOR_RIDGE * (X**2).sum(axis=0)))])
+    padded = np.vstack([X, np.diag(np.sqrt(pipeline.PREDICTOR_RIDGE * (X**2).sum(axis=0)))])
     expected = np.linalg.lstsq(padded, np.vstack([T, np.zeros((6, 1))]), rcond=None)[0]
     np.testing.assert_allclose(predictor([noisy], 3).ravel(), expected.ravel(), rtol=1e-7)
     with pytest.raises(StillwakeError, match="3 control steps are too few to fit 12 coefficients"):
@@ -232,4 +226,4 @@ def test_the_wake_without_jets_is_measured_over_the_range_and_at_the_design_spee
     assert at(Config()) is None
     table = at(Config(refine=replace(SETTINGS, slowest=0.55, fastest=1.4)))
     assert table is not None and table[0].tolist() == pytest.approx([0.55, -0.275, 0.2 * 0.55**2])
-    assert len(table) == SPEEDS_AT_REST + 1 and 1.0 in table[:, 0] and (np.diff(table[:, 0]) > 0.0).all()
+    assert len(table) == pipeline.SPEEDS_AT_REST + 1 and 1.0 in table[:, 0] and (np.diff(table[:, 0]) > 0.0).all()

@@ -18,4 +18,4 @@ def field(values: npt.ArrayLike) -> bytes:
     kind = "scalar" if cells.ndim == 1 else "vector"
     head = 'FoamFile\n{\n    format      binary;\n    arch        "LSB;label=32;scalar=64";\n}\n'
     head += f"internalField   nonuniform List<{kind}> \n{len(cells)}\n("
-    return head.encode() + cells.tobytes() + b")\n;\nboundaryField\n{}\n"
+    return head.encode() + cells.tobytes() + b")\n;\nboundaryField\n{}\n\n\n// " + 73 * b"*" + b" //\n"

@@ -1,17 +1,17 @@
-"""What icoFoam writes, written here by hand: fields, measurements, states.
-
-Sensors, slots and the text of the jets against what a linear pressure and an exact parabola give.
-"""
+"""What icoFoam writes, written here by hand: fields, measurements, states. Sensors, slots and the text of the jets
+against what a linear pressure and an exact parabola give."""
 
 import re
 import struct
 from math import pi
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
 from contract import sensors
+from contract.config.plant import FlowConfig, OpenFoamConfig
 from contract.errors import PlantError
 from contract.geometry import DOMAIN_X, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 from tests.wake.openfoam.conftest import field
@@ -20,21 +20,38 @@ from wake.openfoam.case import pressure_points, sensor_weights
 from wake.openfoam.measurements import Follower, Instruments, Readings, read_all
 
 
-def test_fields_are_read_as_written(tmp_path):
+def test_fields_are_read_as_written():
     assert foam_files.parse_cells(field([1.5, -2.0, 1e-300]), "p").tolist() == [1.5, -2.0, 1e-300]
     assert foam_files.parse_cells(field([[1, 2, 3], [4, 5, 6]]), "U").tolist() == [[1, 2, 3], [4, 5, 6]]
     for content, what in (
-        (field([1.0, 2.0, 3.0])[:-32], "p is truncated: it has 1[0-9] of the field's 24 bytes"),
+        (field([1.0, 2.0, 3.0]).split(b")\n;")[0][:-11], "p is truncated: it has 13 of the field's 24 bytes"),
         (b"format ascii;\ninternalField   nonuniform List<scalar>\n1\n(1\n)", "must hold a binary list"),
     ):
         with pytest.raises(PlantError, match=what):
             foam_files.parse_cells(content, "p")
+
+
+def test_a_time_that_is_not_written_to_its_end_does_not_count_and_is_removed_before_the_run_goes_on(
+    coarse_mesh, tmp_path, monkeypatch
+):
     assert foam_files.latest(tmp_path) is None
-    for name in ("0", "5", "10", "9.5", "system", "20"):
-        (tmp_path / name).mkdir()
-    for name in ("0", "5", "10", "9.5"):
-        (tmp_path / name / "p").touch()
+    whole = dict.fromkeys(foam_files.FIELDS, field([1.0, 2.0]))
+    cut, missing = {**whole, "phi_0": whole["phi_0"][:-5]}, {name: whole[name] for name in ("U", "p")}
+    times = {"0": {"p": b""}, "5": whole, "10": whole, "9.5": whole, "15": cut, "20": missing, "system": {}}
+    for time, files in {**times, "constant": {}}.items():
+        (tmp_path / time).mkdir()
+        for name, content in files.items():
+            (tmp_path / time / name).write_bytes(content)
     assert foam_files.latest(tmp_path) == tmp_path / "10"
+    there = set[str]()
+
+    def begun(folder):
+        there.update(item.name for item in folder.iterdir())
+        return MagicMock()
+
+    monkeypatch.setattr(state, "IcoFoam", begun)
+    state._settle(tmp_path, coarse_mesh, FlowConfig(), OpenFoamConfig(develop_time=20.0), lambda t, total: None)
+    assert there == {"0", "5", "9.5", "10", "system", "constant"}
 
 
 def _write_measurements(folder, start: str, times, *, probes: int, value=lambda t: t) -> None:

@@ -98,18 +98,11 @@ def _read_list(path: Path) -> list[str]:
     return lines
 
 
-@pytest.fixture(scope="module")
-def written(coarse_mesh, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("mesh")
-    foam_files.write_poly_mesh(coarse_mesh, folder)
-    points = np.array([line.strip("()").split() for line in _read_list(folder / "points")], dtype=float)
-    faces = np.array([line[2:-1].split() for line in _read_list(folder / "faces")], dtype=int)
-    owner, neighbour = (np.array(_read_list(folder / name), dtype=int) for name in ("owner", "neighbour"))
-    return folder, points, faces, owner, neighbour
-
-
-def test_the_written_cells_are_closed_and_their_faces_look_outwards(written, coarse_mesh):
-    _, points, faces, owner, neighbour = written
+def test_the_written_cells_are_closed_and_their_faces_look_outwards(coarse_mesh, tmp_path):
+    foam_files.write_poly_mesh(coarse_mesh, tmp_path)
+    points = np.array([line.strip("()").split() for line in _read_list(tmp_path / "points")], dtype=float)
+    faces = np.array([line[2:-1].split() for line in _read_list(tmp_path / "faces")], dtype=int)
+    owner, neighbour = (np.array(_read_list(tmp_path / name), dtype=int) for name in ("owner", "neighbour"))
     corner = points[faces]
     # Vector area of a flat quadrilateral: half the cross product of its diagonals.
     area = 0.5 * np.cross(corner[:, 2] - corner[:, 0], corner[:, 3] - corner[:, 1])
@@ -126,22 +119,15 @@ def test_the_written_cells_are_closed_and_their_faces_look_outwards(written, coa
     # The centre of a face as the mean of its corners is exact for parallelograms; on the fan's trapezia only the
     # planes' share is inexact, and their z is the same everywhere.
     assert volume == pytest.approx(_areas(coarse_mesh), rel=1e-9)
-
-
-def test_faces_and_patches_are_in_the_order_that_openfoam_wants(written):
-    folder, _, faces, owner, neighbour = written
-    assert (owner[: len(neighbour)] < neighbour).all()
-    keys = list(zip(owner[: len(neighbour)], neighbour, strict=True))
-    assert keys == sorted(keys)
+    # Faces and patches are in the order that OpenFOAM wants.
+    keys = list(zip(owner[:inside], neighbour, strict=True))
+    assert keys == sorted(keys) and (owner[:inside] < neighbour).all()
     assert len(np.unique(np.sort(faces, axis=1), axis=0)) == len(faces)
-    text = (folder / "boundary").read_text(encoding="ascii")
-    entries = re.findall(r"(\w+)\s*\{\s*type (\w+);\s*nFaces (\d+);\s*startFace (\d+);", text)
-    at = len(neighbour)
-    for name, kind, size, start in entries:
-        assert int(start) == at
-        assert kind == {"truck": "wall", "planes": "empty"}.get(name, "patch")
-        at += int(size)
-    assert at == len(faces)
+    text = (tmp_path / "boundary").read_text(encoding="ascii")
+    for name, kind, size, start in re.findall(r"(\w+)\s*\{\s*type (\w+);\s*nFaces (\d+);\s*startFace (\d+);", text):
+        assert (int(start), kind) == (inside, {"truck": "wall", "planes": "empty"}.get(name, "patch"))
+        inside += int(size)
+    assert inside == len(faces)
 
 
 @pytest.mark.skipif(shutil.which("checkMesh") is None, reason="needs checkMesh (Debian package openfoam)")

@@ -1,7 +1,5 @@
-"""icoFoam that is missing, crashes, hangs or must be ended: always one error, never a wait without end or an orphan.
-
-A script stands for icoFoam: it reads the pipes in the same order.
-"""
+"""icoFoam that is missing, crashes, hangs or must be ended: always one error, never a wait without end or an orphan. A
+script stands for icoFoam: it reads the pipes in the same order."""
 
 import os
 import re

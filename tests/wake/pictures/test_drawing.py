@@ -1,3 +1,6 @@
+"""Pictures have the colours of their values. A film shows the beginning of control, and drag counted by the story."""
+
+from dataclasses import replace
 from typing import Any
 
 import matplotlib as mpl
@@ -11,6 +14,7 @@ from PIL.WebPImagePlugin import WebPImageFile
 from contract import sensors
 from contract.errors import ConfigError
 from contract.geometry import LENGTH
+from examples.film_of_a_run import CALM, Film, Story
 from wake.pictures import drawing
 from wake.truck.state import State, developed_state
 
@@ -22,6 +26,11 @@ def colour_at(picture: drawing.WakePicture, x: float, y: float) -> npt.NDArray[n
     pixels = picture.pixels()
     column, row = picture.figure.axes[0].transData.transform((x, y))
     return pixels[pixels.shape[0] - 1 - int(row), int(column)] / 255.0
+
+
+def count(pixels: npt.NDArray[np.uint8], colour: str) -> int:
+    wanted = 255.0 * np.array(mpl.colors.to_rgb(colour))
+    return int((np.abs(pixels - wanted) < 3.0).all(axis=2).sum())
 
 
 def test_fields_and_sensors_have_the_colours_of_their_values(wake, monkeypatch):
@@ -55,9 +64,7 @@ def test_blowing_and_sucking_differ_and_grow_with_the_action(wake):
         wake.reset(State(flat=state.flat, substep=0, action=action))
         behind = picture.pixels()[:, int(column) : int(column) + 60]
         halves = behind[: len(behind) - int(row)], behind[len(behind) - int(row) :]
-        for colour in (drawing.BLOWING, drawing.SUCKING):
-            wanted = 255.0 * np.array(mpl.colors.to_rgb(colour))
-            found.append([int((np.abs(half - wanted) < 3.0).all(axis=2).sum()) for half in halves])
+        found += [[count(half, colour) for half in halves] for colour in (drawing.BLOWING, drawing.SUCKING)]
     drawn = np.array(found).reshape(4, 2, 2)  # action, colour, half
     assert (drawn > 0).tolist() == [
         [[False, False]] * 2, *[[[True, False], [False, True]]] * 2, [[False, True], [True, False]]
@@ -111,3 +118,24 @@ def test_pictures_that_move_have_their_frames_and_their_time(wake, tmp_path):
     with pytest.raises(ConfigError, match="fps = 0: must be between 1 and 50"):
         drawing.animate(tmp_path / "a.gif", picture, wake, np.zeros(3), fps=0)
     assert sorted(item.name for item in tmp_path.iterdir()) == ["a.webp", "b.gif"]
+
+
+def test_a_film_shows_when_control_begins_and_the_drag_of_a_cycle_under_it(wake, monkeypatch):
+    sample = wake.sample()
+    film = Film(wake, Story(begin=0.0, end=20.0, control=10.0, drag_before=1.0), ("base_0",), 960)
+    assert "1 wall-pressure sensor" in [text.get_text() for text in film.figure.axes[0].texts]
+    shown, lit = [], []
+    for t in np.arange(0.0, 18.01, 0.5):
+        # Without control 1.3, which must not count; then 0.9 for 5 t_c, and 0.7.
+        said = replace(sample, t=float(t), Cd=1.3 if t < 10.0 else 0.9 if t <= 15.0 else 0.7)
+        monkeypatch.setattr(wake, "sample", lambda said=said: said)
+        film.record()
+        film.update()
+        shown.append(film.figure.texts[0].get_text())
+        if t in (9.5, 10.0, 14.0):
+            # The left edge, halfway down the flow: next to the truck's flank.
+            lit.append(count(film.pixels()[40:100, :4], CALM))
+    assert set(shown[:30]) == {""}
+    # At 15 a cycle lies behind: -10 %. At 18 the last 5 t_c hold 4 of 0.9 and 6 of 0.7.
+    assert (shown[30], shown[36]) == ("\N{MINUS SIGN}10 %", "\N{MINUS SIGN}22 %")
+    assert lit[0] == lit[2] == 0 < lit[1]

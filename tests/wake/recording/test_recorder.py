@@ -1,7 +1,4 @@
-"""The recorder's bookkeeping, on a plant that costs nothing; `test_recording_processes.py` has the real one.
-
-A recording is never replaced by chance; and it may begin in any flow state.
-"""
+"""The recorder's bookkeeping, on a plant that costs nothing; `test_recording_processes.py` has the real one."""
 
 import hashlib
 import shutil
@@ -18,6 +15,7 @@ from contract.config.tree import Config
 from contract.errors import OutputError, PlantError, StillwakeError
 from contract.recording.dataset import Dataset, read
 from contract.shipped import RECORDING
+from tests.wake.conftest import Oscillator
 from tests.wake.recording.killing import Killed, equal
 from wake.recording import episode_job, recorder
 from wake.recording.plans import EpisodePlan, paper_plans
@@ -171,7 +169,7 @@ def test_a_start_that_failed_leaves_nothing(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_recording_begins_in_the_state_it_is_given(tmp_path, oscillator):
+def test_a_recording_begins_in_the_state_it_is_given(tmp_path):
     flat = np.array([0.3, -0.2])
     start = tmp_path / "start.npz"
     save_state(start, State(flat=flat, substep=0, action=0.0, origin=Origin(shape=(443, 164), reynolds=1000.0)))
@@ -180,7 +178,7 @@ def test_a_recording_begins_in_the_state_it_is_given(tmp_path, oscillator):
         record(output, (NONE,), start=start)
     assert record(output, (NONE,), config, start=start)
     episode = read(output).episodes[0]
-    first = oscillator().reset(State(flat=flat, substep=0, action=0.0))
+    first = Oscillator().reset(State(flat=flat, substep=0, action=0.0))
     assert episode.series["Cd"][0] == pytest.approx(first.Cd, abs=2**-15)  # stored in 16 bits
     assert {"python", "numpy", "numba", "scipy", "stillwake"} <= episode.provenance["versions"].keys()
     assert episode.provenance["start"] == "start.npz"

@@ -1,6 +1,5 @@
 """Rounds of recording, under a controller and from the steady wake: what acts, and continuing without a seam."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +10,10 @@ from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.errors import DatasetError, StillwakeError
 from contract.recording.dataset import Dataset, read
+from tests.wake.conftest import Oscillator
 from tests.wake.recording.killing import Killed, equal, kill_before_operation
 from wake.recording import recorder
-from wake.recording.episode_job import NoFeedback, Policy
+from wake.recording.episode_job import NoFeedback
 from wake.recording.plans import CalmRound, ControlledRound, EpisodePlan
 from wake.recording.recorder import record_round
 from wake.solver.grid import truck_grid
@@ -49,22 +49,19 @@ def a_round(**changes: Any) -> ControlledRound:
     return ControlledRound(**{"episodes": 2, "steps": 8, "bundle": "none", "bundle_digest": "0" * 64, **changes})
 
 
-def recorded(
-    output: Path,
-    wanted: ControlledRound | CalmRound | None = None,
-    policy: Callable[[], Policy] = Integrator,
-    **arguments: Any,
-) -> Dataset:
-    wanted = a_round() if wanted is None else wanted
+ROUND = a_round()
+
+
+def recorded(output: Path, wanted: ControlledRound | CalmRound = ROUND, policy: Any = Integrator, **arguments: Any):
     record_round(output, wanted, Config(), policy, **{"block_steps": 3, **arguments})
     return read(output)
 
 
-def test_what_acts_is_command_and_exploration_cut_to_the_limit(tmp_path, oscillator):
+def test_what_acts_is_command_and_exploration_cut_to_the_limit(tmp_path):
     for policy in (Integrator, Eager):
         wanted = a_round(episodes=1, steps=40)
         actions = recorded(tmp_path / f"{policy.gain}.h5", wanted, policy).episodes[0].series["action"]
-        plan, plant, sums, expected = wanted.plans(1)[0], oscillator(), np.zeros(2), []
+        plan, plant, sums, expected = wanted.plans(1)[0], Oscillator(), np.zeros(2), []
         for _ in range(plan.lead):
             plant.advance(0.0)
         for noise in plan.signal(Config()):
@@ -94,7 +91,7 @@ def test_parts_of_another_controller_and_data_of_another_flow_are_refused(tmp_pa
         recorded(output, a_round(bundle_digest="1" * 64))
 
 
-def test_calls_add_rounds_of_both_kinds_that_repeat_nothing(tmp_path, oscillator):
+def test_calls_add_rounds_of_both_kinds_that_repeat_nothing(tmp_path):
     output, steady = tmp_path / "a.h5", tmp_path / "steady.npz"
     save_state(steady, STEADY)
     recorder.record(output, [EpisodePlan(forcing="training", steps=7, seed=5)], Config())
@@ -112,7 +109,7 @@ def test_calls_add_rounds_of_both_kinds_that_repeat_nothing(tmp_path, oscillator
     calm = recorded(output, wanted, NoFeedback, start=steady).episodes[5:]
     assert [episode.name for episode in calm] == ["calm_3_0", "calm_3_1"]
     for plan, episode in zip(wanted.plans(3), calm, strict=True):
-        plant, expected = oscillator(), []
+        plant, expected = Oscillator(), []
         plant.reset(STEADY)
         for action in plan.signal(Config()):
             expected.append(plant.sample().Cd)
@@ -124,15 +121,13 @@ def test_calls_add_rounds_of_both_kinds_that_repeat_nothing(tmp_path, oscillator
         assert (episode.provenance["amplitude"], episode.provenance["start"]) == (plan.level, "steady.npz")
 
 
-def test_it_may_be_killed_before_any_change_on_disk_and_continues_without_a_seam(tmp_path, oscillator):
-    """The controller's memory is continued, too."""
+def test_it_may_be_killed_before_any_change_on_disk_and_continues_without_a_seam(tmp_path):
     wanted = a_round(episodes=1, steps=8)
     whole = recorded(tmp_path / "whole.h5", wanted)
     number, killed = 1, True
     while killed:
         output = tmp_path / f"{number}.h5"
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(recorder, "TruckWake", oscillator)
             operations = kill_before_operation(patch, number)
             killed = False
             try:

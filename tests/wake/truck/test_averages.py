@@ -1,7 +1,4 @@
-"""Averages over whole cycles, against signals whose averages are known.
-
-The recirculation length of flows whose axis velocity is known.
-"""
+"""Averages over whole cycles, and the recirculation length, of signals and flows for which they are known."""
 
 import numpy as np
 import pytest

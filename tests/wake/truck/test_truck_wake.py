@@ -1,10 +1,10 @@
 """The plant: ramps, copies and threads, what it refuses, and other bodies in the same solver."""
 
 import copy
-import dataclasses
 import pickle
 import re
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -102,36 +102,34 @@ def test_a_step_too_long_is_refused_with_one_that_is_not(coarse):
         ({"reynolds": 20.0}, "viscous number"),
         ({"control_period": 1.0}, "convective number of the free stream"),
     ):
-        config = dataclasses.replace(coarse.flow, **changes)
+        config = replace(coarse.flow, **changes)
         with pytest.raises(PlantError, match=named) as caught:
             TruckWake(config)
         (substeps,) = re.findall(r"at least (\d+) substeps", str(caught.value))
-        TruckWake(dataclasses.replace(config, substeps=int(substeps)))
+        TruckWake(replace(config, substeps=int(substeps)))
 
 
 def test_a_state_that_does_not_fit_is_refused_and_changes_nothing(wake):
     (nx, ny), state, before = wake.grid.shape, developed_state(), wake.flow.flat.copy()
     broken = state.flat.copy()
     broken[5] = np.nan
-    other_clock = Origin(shape=(nx, ny), reynolds=500.0, control_period=0.2, substeps=60)
+    own = Origin(shape=(nx, ny), reynolds=500.0)
+    other_clock = replace(own, control_period=0.2, substeps=60)
     cases: list[tuple[dict[str, Any], str]] = [
         # The same number of cells; a transposed buffer would even have the right size for a square.
         ({"origin": Origin(shape=(ny, nx), reynolds=500.0)}, f"{ny} x {nx} cells, this grid needs {nx} x {ny}"),
         ({"flat": broken}, "not finite"),
-        (
-            {"origin": Origin(shape=(nx, ny), reynolds=500.0, body_length=1.0)},
-            "for a body of length 1 and .* has 7.647",
-        ),
-        ({"origin": Origin(shape=(nx, ny), reynolds=400.0)}, "reynolds = 400, this plant has 500"),
+        ({"origin": replace(own, body_length=1.0)}, "for a body of length 1 and .* has 7.647"),
+        ({"origin": replace(own, reynolds=400.0)}, "reynolds = 400, this plant has 500"),
         ({"origin": other_clock, "substep": 45}, r"60 substeps in 0\.2 t_c, this plant has 30 in 0\.2"),
         ({"action": 0.08}, "action 0.08: must be within"),
     ]
     for changes, message in cases:
         with pytest.raises(PlantError, match=message):
-            wake.reset(dataclasses.replace(state, **changes))
+            wake.reset(replace(state, **changes))
         assert np.array_equal(wake.flow.flat, before), message
     # A start at t = 0 may be continued with another step.
-    assert wake.reset(dataclasses.replace(state, origin=other_clock, substep=0)).t == 0.0
+    assert wake.reset(replace(state, origin=other_clock, substep=0)).t == 0.0
     for action in (float("nan"), 0.0751):
         with pytest.raises(PlantError, match="within"):
             wake.advance(action)
@@ -140,13 +138,13 @@ def test_a_state_that_does_not_fit_is_refused_and_changes_nothing(wake):
 def test_what_is_no_state_file_is_one_clear_error(wake, tmp_path):
     path = tmp_path / "state.npz"
     with pytest.raises(PlantError, match="without its origin cannot be written"):
-        save_state(path, dataclasses.replace(wake.state(), origin=None))
+        save_state(path, replace(wake.state(), origin=None))
     path.write_bytes(b"PK\x03\x04 nonsense")
     for wrong in (path, tmp_path / "none.npz"):
         with pytest.raises(PlantError, match="not a flow state"):
             load_state(wrong)
     for origin in (Origin(shape=(2, 3), reynolds=9.0, body_length=2.0), wake.state().origin):
-        save_state(path, dataclasses.replace(wake.state(), origin=origin))
+        save_state(path, replace(wake.state(), origin=origin))
         assert load_state(path).origin == origin
     with np.load(path) as data:
         content = {key: data[key] for key in data.files}

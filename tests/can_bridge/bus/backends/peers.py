@@ -28,7 +28,6 @@ class Adapter:
     port: str
 
     def write(self, content: bytes) -> None:
-        """Send all of it."""
         while content:
             content = content[os.write(self.fd, content) :]
 
@@ -60,10 +59,11 @@ def adapter() -> Iterator[Adapter]:
 class ScriptedBus(can.BusABC):
     """A backend whose receptions are given: a message, None, or an error to raise."""
 
+    state = can.BusState.ACTIVE
+
     def __init__(self, script: Iterable[can.Message | BaseException | None]) -> None:
         self.script = list(script)
         self.channel_info = "scripted"
-        self.driver_state = can.BusState.ACTIVE
         super().__init__(channel="scripted")
         self.shutdown()  # nothing to close: python-can would remind us of it
 
@@ -75,14 +75,6 @@ class ScriptedBus(can.BusABC):
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         raise can.CanTimeoutError
-
-    @property
-    def state(self) -> can.BusState:
-        return self.driver_state
-
-    @state.setter
-    def state(self, new: can.BusState) -> None:
-        raise NotImplementedError
 
 
 def rejections(bus: PythonCanBus) -> dict[Rejection, int]:

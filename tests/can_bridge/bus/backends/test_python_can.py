@@ -46,8 +46,6 @@ def message(arbitration_id: Any, data: bytes = b"", **fields: Any) -> can.Messag
 
 
 class CausedError(can.CanOperationError):
-    """An error as python-can wraps what went wrong."""
-
     def __init__(self, cause: Exception) -> None:
         super().__init__("could not unpack received message")
         self.__cause__ = cause
@@ -134,12 +132,12 @@ def test_bus_off_that_a_driver_reports_is_counted_when_it_comes():
     bus = PythonCanBus(scripted)
     seen = []
     for state in (can.BusState.ERROR, can.BusState.ERROR, can.BusState.ACTIVE, can.BusState.ERROR):
-        scripted.driver_state = state
+        scripted.state = state
         seen.append((bus.health().state, bus.health().bus_off))
     off, active = BusState.BUS_OFF, BusState.ERROR_ACTIVE
     assert seen == [(off, 1), (off, 1), (active, 1), (off, 2)]
     # Of python-can's drivers, pcan, ixxat and systec report PASSIVE for a node that may only listen.
-    scripted.driver_state = can.BusState.PASSIVE
+    scripted.state = can.BusState.PASSIVE
     assert bus.health().state is active
 
 

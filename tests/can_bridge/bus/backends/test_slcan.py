@@ -163,10 +163,8 @@ def test_classic_bus_and_bit_rates_that_the_protocol_does_not_have(line):
 
 
 def test_port_that_vanishes_ends_the_bus_and_closes_without_another_error(line):
-    with (
-        pytest.raises(BusError, match="CAN bus failed"),
-        PythonCanBus.open(BusConfig(interface="slcan", channel=line.port)) as bus,
-    ):
+    config = BusConfig(interface="slcan", channel=line.port)
+    with pytest.raises(BusError, match="CAN bus failed"), PythonCanBus.open(config) as bus:
         os.close(line.fd)
         # The error of the body must come out, not one of closing.
         with pytest.raises(BusError, match="was not sent"):

@@ -22,7 +22,6 @@ def number_of(frame: Frame) -> int:
 
 
 def numbers(received: Sequence[Sequence[Frame]]) -> list[int]:
-    """Those of all periods in a row."""
     return [number_of(frame) for frames in received for frame in frames]
 
 

@@ -34,7 +34,6 @@ FAULTS = RANDOM_FAULTS + faults_of(
     "flip_bits:probability=0.5,before_crc=true stuck_at:at=receive stuck_at:counter_runs=true disconnect "
     "slow_consumer:frames_per_call=1,queue=2 clock_drift:ppm=1000"
 )
-SPAN = {"start_s": 9.5 * PERIOD_S, "end_s": 19.5 * PERIOD_S}
 
 
 def carried(link: Link, ports: Sequence[Bus], bursts: Sequence[int]) -> list[list[Frame]]:
@@ -63,7 +62,8 @@ def test_a_fault_without_effect_or_outside_its_span_is_none(bursts, seed):
 
 
 def acts_and_clears(link: Link, fault: BusFault) -> None:
-    wrapped = [link.wrapped(port, replace(fault, **SPAN)) for port in (link.one, link.other)]
+    spanned = replace(fault, start_s=9.5 * PERIOD_S, end_s=19.5 * PERIOD_S)
+    wrapped = [link.wrapped(port, spanned) for port in (link.one, link.other)]
     for period in range(40):
         wrapped[0].send(numbered(period, now_ns=link.now_ns))
         wrapped[0].send(numbered(period, frame_id=0x7E0, now_ns=link.now_ns))
@@ -72,10 +72,9 @@ def acts_and_clears(link: Link, fault: BusFault) -> None:
         received = [port.receive_all() for port in wrapped]
         link.listener.receive_all()
         if not 9 <= period < 25:
-            assert [sorted((f.frame_id, number_of(f)) for f in frames) for frames in received] == [
-                [(0x130, period)],
-                [(0x120, period), (0x7E0, period)],
-            ], (fault, period)
+            expected = [[(0x130, period)], [(0x120, period), (0x7E0, period)]]
+            got = [sorted((frame.frame_id, number_of(frame)) for frame in frames) for frames in received]
+            assert got == expected, (fault, period)
     assert sum(port.injectors[0].acted for port in wrapped) > 0, fault
 
 

@@ -1,6 +1,4 @@
-"""Errors on the simulated bus: what each rule of fault confinement does to nodes that share a wire, and how long it
-takes, worked out in bits by hand.
-"""
+"""Errors on the simulated bus: what each rule of fault confinement does to nodes, and how long, by hand in bits."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -11,8 +11,8 @@ from scipy.io import netcdf_file, savemat
 
 from contract.errors import ConfigError, DatasetError
 from contract.recording import dataset
-from contract.recording.dataset import CP_QUANTUM, QUANTUM, REQUIRED, Dataset
-from contract.recording.episode import PlantFacts
+from contract.recording.dataset import CP_QUANTUM, QUANTUM, Dataset
+from contract.recording.episode import REQUIRED, PlantFacts
 from contract.recording.importing.assemble import EpisodeSource, assemble
 from contract.recording.importing.csv_table import read_sensors
 from contract.recording.importing.source_file import references_of
@@ -20,6 +20,9 @@ from contract.sensor_layout import SensorLayout
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS, WRITERS
 
+HEADER = f"action,Cd,Cl,{','.join(NAMES)}"
+ROW = "0.1,1,0,1,2,3,4,5,6,7"
+T = PERIOD * np.arange(20)
 FACTS = PlantFacts(control_period=PERIOD, action_limit=LIMIT)
 
 
@@ -48,14 +51,6 @@ def test_every_format_gives_the_same_data_set_within_half_a_quantum(tmp_path, la
             assert np.abs(episode.series[name] - values[name]).max() <= half, name
 
 
-def test_the_action_before_the_first_row_and_the_ledger_are_taken_where_they_are(tmp_path, layout):
-    values = foreign_plant.series(30, 2) | {"jet_power": np.linspace(0, 1, 30), "initial_action": np.array(0.07)}
-    episode = imported(foreign_plant.write_npz(tmp_path / "a.npz", values), layout).episodes[0]
-    assert episode.initial_action == 0.07
-    assert episode.previous_action[:2].tolist() == [0.07, values["action"][0]]
-    assert "jet_power" in episode.series
-
-
 def test_the_layout_is_the_file_s_with_mirror_images_by_the_places(layout, tmp_path):
     assert layout.names == NAMES and layout.mirror is None
     np.testing.assert_array_equal(layout.positions, POSITIONS)
@@ -63,11 +58,6 @@ def test_the_layout_is_the_file_s_with_mirror_images_by_the_places(layout, tmp_p
     (tmp_path / "s.csv").write_text("name;x;y\nup;1.0;0.5\ndown;1.0;-0.5\nnose;0.0;0.0\n")
     mirror = read_sensors(tmp_path / "s.csv", symmetric=True).mirror
     assert mirror is not None and mirror.tolist() == [1, 0, 2]
-
-
-HEADER = f"action,Cd,Cl,{','.join(NAMES)}"
-ROW = "0.1,1,0,1,2,3,4,5,6,7"
-T = PERIOD * np.arange(20)
 
 
 def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout):
@@ -110,9 +100,8 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
         with pytest.raises(DatasetError, match=message) as caught:
             imported(tmp_path / name, layout)
         assert "\n" not in str(caught.value)
-    absolute = foreign_plant.write_npz(
-        tmp_path / "a.npz", foreign_plant.series(20, 3) | {"Cp": np.full((20, 7), 101e3)}
-    )
+    values = foreign_plant.series(20, 3) | {"Cp": np.full((20, 7), 101e3)}
+    absolute = foreign_plant.write_npz(tmp_path / "a.npz", values)
     with pytest.raises(DatasetError, match=r"'Cp' reaches 269\.3.*; .*p - p_inf, not absolute"):
         imported(absolute, layout, references=references_of(["Cp=375Pa"]))
     with pytest.raises(DatasetError, match=r"none\.csv: no such file"):
@@ -156,7 +145,6 @@ def test_what_is_not_used_is_told_and_a_renamed_column_must_be_there(tmp_path, l
 
 
 def packed(path: Path, values: dict[str, Any], attributes: dict[str, Any]) -> Path:
-    """An HDF5 file whose Cd has these attributes."""
     with h5py.File(path, "w") as file:
         for name, array in values.items():
             file[name] = array

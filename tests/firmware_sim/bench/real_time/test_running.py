@@ -70,17 +70,10 @@ def course(**changes) -> Course:
 @pytest.mark.slow
 def test_a_run_from_the_first_frame_to_the_farewell(replay, tmp_path: Path) -> None:
     ecu = Ecu(make_bundle(operating_point=POINT), RecordingController(lambda i: 0.02), CONFIG)
-    lines: list[str] = []
-    shown: list[int] = []
+    lines, shown, given = list[str](), list[int](), course(periods=160, stage_times=tmp_path / "times.npz")
     with ecu_on(CONFIG, ecu) as seen, PythonCanBus.open(BUS) as bus:
         figures = run_vehicle(
-            bus,
-            NAMES,
-            replay,
-            CONFIG,
-            course(periods=160, stage_times=tmp_path / "times.npz"),
-            report=lines.append,
-            progress=lambda found: shown.append(found.periods),
+            bus, NAMES, replay, CONFIG, given, report=lines.append, progress=lambda found: shown.append(found.periods)
         )
     requests = [pressure_in(frame).enable_request for frame in seen]
     # Wanted from six periods of 6.7 ms on; withdrawn at the end.

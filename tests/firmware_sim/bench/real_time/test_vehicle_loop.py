@@ -21,15 +21,7 @@ from ecu.ecu import Ecu
 from ecu.real_time.deadlines import Deadlines
 from ecu.real_time.inbox import Inbox
 from ecu.real_time.stage_times import NOTHING, StageTimes, VehicleStage
-from firmware_sim.bench.real_time.vehicle_loop import (
-    FAREWELL,
-    LONGEST_NS,
-    RESOLUTION_NS,
-    UNSENT_LIMIT,
-    Durations,
-    Replay,
-    VehicleLoop,
-)
+from firmware_sim.bench.real_time.vehicle_loop import FAREWELL, UNSENT_LIMIT, Durations, Replay, VehicleLoop
 from firmware_sim.bench.vehicle_node import VehicleNode
 from tests.each import each
 from tests.ecu.conftest import make_bundle
@@ -63,12 +55,8 @@ class LiveOscillator:
 
 
 class MadeUpTime:
-    """A vehicle's loop, an ECU that answers after `way_ns`, and the clock of both.
-
-    Args:
-        lateness: by how much each sleep ends late, ns; on time when used up.
-        way_ns: from a pressure frame to its command's arrival, by the number of the frame.
-    """
+    """A vehicle's loop, an ECU whose command to each pressure frame arrives after `way_ns` of the frame's number, and
+    the clock of both. Each sleep ends late by `lateness`, ns; on time when that is used up."""
 
     def __init__(self, way_ns=lambda number: 9_000_000, lateness=(), late_flow=frozenset(), stage_times=None):
         self.now_ns, self.way_ns, self.lateness = 0, way_ns, iter(lateness)
@@ -124,9 +112,9 @@ def test_quantiles_of_times_are_numpys_to_the_resolution(times: list[int], share
     durations = Durations()
     for time in times:
         durations.add(time)
-    # What is beyond the ends is kept at them.
-    exact = np.quantile(np.clip(times, 0, LONGEST_NS), share, method="inverted_cdf") / 1e6
-    assert exact - RESOLUTION_NS / 1e6 < durations.quantile_ms(share) <= exact
+    # What is beyond the ends, 0 and 2 s, is kept at them.
+    exact = np.quantile(np.clip(times, 0, 2 * 10**9), share, method="inverted_cdf") / 1e6
+    assert exact - 0.01 < durations.quantile_ms(share) <= exact
 
 
 def test_it_is_the_loop_in_virtual_time_to_the_bit() -> None:
@@ -147,9 +135,7 @@ def test_it_is_the_loop_in_virtual_time_to_the_bit() -> None:
 
 def test_a_command_is_of_the_period_it_arrives_in_however_late_the_process_wakes() -> None:
     # Command 20 arrives 1 ms after the boundary; the process wakes 3 ms after it, and finds it in the inbox.
-    real = MadeUpTime(
-        way_ns=lambda number: 21_000_000 if number == 20 else 9_000_000, lateness=iter([0] * 21 + [3_000_000])
-    )
+    real = MadeUpTime(lambda number: 21_000_000 if number == 20 else 9_000_000, [0] * 21 + [3_000_000])
     real.run(22)
     assert real.loop.figures.misses == 1
     assert real.loop.figures.commands == 19
@@ -222,12 +208,8 @@ def test_a_bus_that_takes_nothing_is_lost_after_a_second() -> None:
 def test_stage_times_are_of_each_period() -> None:
     times = StageTimes(VehicleStage, 10)
     # The command to frame 6 comes a period late; the flow has nothing in period 8.
-    real = MadeUpTime(
-        way_ns=lambda number: 30_000_000 if number == 6 else 9_000_000,
-        late_flow=frozenset({8}),
-        lateness=[0] * 4 + [1_500_000],
-        stage_times=times,
-    )
+    late = [0] * 4 + [1_500_000], frozenset({8})
+    real = MadeUpTime(lambda number: 30_000_000 if number == 6 else 9_000_000, *late, stage_times=times)
     real.run(10)
     real.loop.finish()
     # Counted in steps of 10 us: of the command that was late to be looked at, too.

@@ -8,13 +8,12 @@ from firmware_sim.live.serving.supervisor import MOST_ROWS, STREAMS, Hub, Viewer
 from tests.examples import examples
 from tests.firmware_sim.live.serving.fake_session import hello, periods
 
+NOW: list[LiveMessage] = [{"type": "now", "k": k} for k in range(3)]
+
 
 def rows_of(message: LiveMessage | bytes | None) -> list[float]:
     assert not isinstance(message, bytes)
     return [] if message is None else list(message["columns"]["k"])
-
-
-NOW: list[LiveMessage] = [{"type": "now", "k": k} for k in range(3)]
 
 
 @given(st.lists(st.integers(0, 3), max_size=30))

@@ -18,13 +18,14 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from contract.errors import StillwakeError
 from firmware_sim.live.serving import handlers, server
+from firmware_sim.live.serving.handlers import PageAccess
 from firmware_sim.live.serving.server import BoundedServer, application, serve
 from firmware_sim.live.serving.supervisor import Supervisor
 from tests.firmware_sim.live.serving.fake_session import PICTURE_BYTES, FakeSession
 
-PATIENCE_S = 60.0
-"""A process is started on a machine that does other things."""
-OPEN = handlers.PageAccess(token=None)
+PATIENCE_S = 60.0  # a process is started on a machine that does other things
+OPEN = PageAccess(token=None)
+FAR = PageAccess(token="right")
 FAKE: Any = FakeSession
 
 
@@ -42,15 +43,7 @@ class Place:
 
 
 @asynccontextmanager
-async def placed(
-    make: Any = None,
-    access: handlers.PageAccess = OPEN,
-    *,
-    stalled_s: float = 30.0,
-    short_life_s: float = 30.0,
-    idle_s: float = 30.0,
-) -> AsyncIterator[Place]:
-    """A server, with a loop if there is what makes one."""
+async def placed(make=None, access=OPEN, *, stalled_s=30.0, short_life_s=30.0, idle_s=30.0) -> AsyncIterator[Place]:
     supervisor = Supervisor(make or FAKE, short_life_s=short_life_s)
     listening, port = bind_unused_port()
     serving = BoundedServer(application(supervisor, access, stalled_s=stalled_s), idle_s=idle_s)
@@ -96,6 +89,49 @@ async def read(control: WebSocketClientConnection) -> Any:
     return json.loads(message)
 
 
+def test_only_the_loopback_goes_without_a_token():
+    assert [PageAccess.to(address).token for address in ("127.0.0.1", "::1", "localhost", "127.8.0.1")] == [None] * 4
+    tokens = [PageAccess.to(address).token for address in ("0.0.0.0", "::", "192.168.0.7", "truck.example", "0.0.0.0")]
+    assert len(set(tokens)) == 5
+    # 128 random bits are 22 characters of base64.
+    assert all(token is not None and len(token) >= 22 for token in tokens)
+
+
+def test_others_are_refused_by_their_host_origin_or_token():
+    for host in ("localhost:8765", "127.0.0.1:8765", "[::1]:8765", "localhost", "LOCALHOST:1"):
+        assert OPEN.refusal(host=host, origin=None, token=None) is None, host
+        assert OPEN.refusal(host=host, origin=f"http://{host}", token=None) is None, host
+    # A name that was pointed here.
+    for host in ("evil.example:8765", "localhost.evil.example", "10.0.0.1", "", "[", "a@localhost@b"):
+        assert "only to localhost" in str(OPEN.refusal(host=host, origin=f"http://{host}", token=None)), host
+    origins = ("http://evil.example", "http://localhost:3000", "null", "", "localhost:8765", "http://localhost:8765/x")
+    for access in (OPEN, FAR):
+        for origin in origins:
+            refusal = access.refusal(host="localhost:8765", origin=origin, token="right")
+            assert "another server" in str(refusal), (access, origin)
+    for token in (None, "", "wrong", "righ", "right ", "r\xefght"):
+        assert "the link" in str(FAR.refusal(host="truck.example:8765", origin=None, token=token)), token
+    assert FAR.refusal(host="truck.example:8765", origin="http://truck.example:8765", token="right") is None
+
+
+def test_what_is_no_request_gets_an_error():
+    cases: dict[str, tuple[str | bytes, ...]] = {
+        "must be JSON": ("", "{", "[" * 5000, "9" * 5000),
+        "NaN is not a number": ('{"set": {"noise": NaN}}',),
+        "-Infinity is not a number": ('{"set": {"noise": -Infinity}}',),
+        "must be text": (b"{}",),
+        "must be an object": ("[]", "null"),
+        "id: must be": ('{"id": "1"}', '{"id": true}', '{"id": 1.5}'),
+    }
+    for message, texts in cases.items():
+        for text in texts:
+            error = (handlers.check(text) or {})["error"]
+            assert message in error and "\n" not in error, text
+    # Any other object is for the loop to judge.
+    for text in ["{}", '{"id": 1, "set": {"enable": true}}', '{"id": -7, "anything": [1.5, null]}']:
+        assert handlers.check(text) is None, text
+
+
 @in_a_loop
 async def test_the_page_has_its_files_and_no_other_can_be_had() -> None:
     async with placed() as place:
@@ -120,7 +156,7 @@ async def test_the_page_has_its_files_and_no_other_can_be_had() -> None:
 
 @in_a_loop
 async def test_who_has_not_the_token_or_is_another_page_is_refused() -> None:
-    async with placed(access=handlers.PageAccess(token="right")) as place:
+    async with placed(access=FAR) as place:
         evil = {"Origin": "http://evil.example"}
         for path in ("/", "/static/ring.js", "/stream", "/control", "/none"):
             for query, origin in (("", {}), ("?token=wrong", {}), ("?token=right", evil)):

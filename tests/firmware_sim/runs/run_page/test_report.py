@@ -1,5 +1,4 @@
-"""The page of a run: complete, and safe against what a bundle's author wrote into it; runs next to each other, and the
-events of a run."""
+"""The page of a run: complete, and safe against what a bundle's author wrote into it; runs compared; their events."""
 
 import base64
 import hashlib
@@ -134,10 +133,7 @@ def test_only_what_is_not_the_same_is_listed(shedding):
 
 def test_request_states_and_disturbances_are_listed_in_order(shedding):
     # A period is 20 ms; control is requested in period 60.
-    faults = (
-        InjectedFault(text="ecu:drop:probability=1@1.25..1.3s", acted=3),
-        InjectedFault(text="noise:level=1", acted=9),
-    )
+    faults = tuple(InjectedFault(text=text, acted=3) for text in ("ecu:drop:probability=1@1.25..1.3s", "noise:level=1"))
     log = shedding(modes={3: Mode.HOLD}, reasons={3: Reason.STREAM_LOST}, faults=faults)
     assert [tuple(event) for event in events(log)] == [
         (0, "set", "disturbed by noise:level=1"),

@@ -1,16 +1,64 @@
-"""The vehicle's speed, by chance: it drifts, jumps, leaves the release's range and returns, is lost, old or unknown."""
+"""What a vehicle sends, by chance: its speed drifts, jumps, leaves the release's range and returns, is lost, old or
+unknown; and frames are secured, forged, repeated and misshapen.
+"""
 
 from dataclasses import replace
 from random import Random
 
 from can_bridge.e2e.profiles import profile_of
+from can_bridge.secoc.key import Key
+from can_bridge.secoc.securing import LARGEST_HALF, Freshness, secure
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
-from can_bridge.wire.message_specs import SPEED_RESOLUTION_M_PER_S
+from can_bridge.wire.message_specs import SPEED_RESOLUTION_M_PER_S, MessageSpec
 from can_bridge.wire.messages import VehicleSpeed
 from contract.config.tree import Config
-from tests.proofs.ecu_in_c.sealing import Sealing
-from tests.proofs.ecu_in_c.variants import SPEEDS
+from tests.proofs.ecu_in_c.variants import KEY, SPEEDS
+
+_ANOTHER = Key(bytes(range(2, 18)))
+
+
+class Sealing:
+    """Freshness and MAC for the frames of one sender; nothing without a key."""
+
+    def __init__(self, config: Config, rng: Random) -> None:
+        self._is_keyed, self._rng = bool(config.bus.key), rng
+        self._freshness, self._sent = Freshness(trip=6), list[Frame]()
+
+    def restart(self) -> None:
+        self._freshness = Freshness(trip=self._freshness.trip + 1)
+
+    def sealed(self, frame: Frame, spec: MessageSpec, odd: float) -> Frame:
+        if not self._is_keyed:
+            return frame
+        rng, freshness = self._rng, self._freshness
+        self._freshness = freshness.next()
+        if rng.random() >= odd / 3:
+            self._sent = [*self._sent[-9:], secure(frame, spec, KEY, freshness)]
+            return self._sent[-1]
+        deed = rng.choice(("forged", "repeated", "flipped", "spoilt", "short", "bare", "jump", "back", "far"))
+        if deed == "repeated" and self._sent:
+            return rng.choice(self._sent)
+        if deed == "jump":
+            self._freshness = Freshness(trip=freshness.trip, count=freshness.count + rng.randrange(1, 300))
+        if deed == "back":
+            freshness = Freshness(trip=rng.choice((1, freshness.trip)), count=max(0, freshness.count - 1))
+        if deed == "far" and rng.random() < 0.003:
+            freshness = Freshness(trip=LARGEST_HALF, count=LARGEST_HALF)
+        if deed == "spoilt":
+            # Authentic, and wrong by its CRC.
+            frame = replace(frame, data=flipped(frame.data, rng.randrange(8 * len(frame.data))))
+        found = secure(frame, spec, _ANOTHER if deed == "forged" else KEY, freshness)
+        if deed == "flipped":
+            return replace(found, data=flipped(found.data, rng.randrange(8 * len(found.data))))
+        if deed == "short":
+            return replace(found, data=found.data[: rng.choice((0, 8, 12, 16))])
+        return frame if deed == "bare" else found
+
+
+def flipped(data: bytes, bit: int) -> bytes:
+    place = bit // 8
+    return data[:place] + bytes([data[place] ^ 1 << bit % 8]) + data[place + 1 :]
 
 
 class Drive:
@@ -49,13 +97,8 @@ class Drive:
         if self._silent and not self._old_ns:
             return None
         speed = self.ratio * self._design.speed if rng.random() >= 0.02 + odd / 10 else rng.choice((None, 0.0, 300.0))
-        data = self._message.emit(
-            VehicleSpeed(
-                speed_m_per_s=speed,
-                age_ns=self._old_ns if self._silent else 0,
-                density_kg_per_m3=self.density if self._stated else None,
-            )
-        )
+        age_ns, density = self._old_ns if self._silent else 0, self.density if self._stated else None
+        data = self._message.emit(VehicleSpeed(speed_m_per_s=speed, age_ns=age_ns, density_kg_per_m3=density))
         sound = profile_of(spec).protect(data, data_id=spec.data_id, counter=self._counter)
         self._counter = (self._counter + 1) % profile_of(spec).counter_period
         sent_ns = now_ns - queued_ns

@@ -1,4 +1,4 @@
-"""An ECU whose running release can be calibrated, behind the real server and store."""
+"""ECUs with the real server, services and store: one to flash, and one whose running release can be calibrated."""
 
 from can_bridge.calibration.segment import Segment
 from can_bridge.flashing.store import Boot
@@ -6,8 +6,16 @@ from can_bridge.uds.calibration_service import CalibrationService
 from can_bridge.uds.services import Nrc
 from contract.config.controller import CostWeights
 from contract.controller.calibration import Calibration, CalibrationLimits
-from tests.can_bridge.flashing.releases import digest_of, provisioned
+from contract.release import bundle
+from contract.release.container import image_of, read_files
+from contract.release.signing import PublicKey
+from contract.shipped import BUNDLE
+from tests.can_bridge.flashing.plain_backing import PlainBacking
+from tests.can_bridge.flashing.releases import RELEASE, digest_of, image, keys, name_of, provision, provisioned
 from tests.can_bridge.flashing.store_ecu import StoreEcu
+
+SHIPPED = image_of(read_files(BUNDLE))
+SHIPPED_BY = bundle.load(BUNDLE).signer or PublicKey(b"")
 
 # 0.07 is less as float32, 0.075 is more.
 OWN = Calibration(weights=CostWeights(), action_limit=0.07, command_step=0.075, delay_steps=0)
@@ -16,9 +24,22 @@ LIMITS = CalibrationLimits(
 )
 
 
+class EcuToFlash(StoreEcu):
+    """Release `old` is confirmed; the tests' key and that of the shipped release may sign; `memory` outlives resets."""
+
+    def __init__(self, first: bytes | None = image("old")) -> None:
+        self.memory = provision(PlainBacking(), first, keys=keys(1, RELEASE, SHIPPED_BY))
+        self.memory.written = 0
+        super().__init__(lambda: self.memory)
+
+    @property
+    def runs(self) -> str | None:
+        return name_of(self.boot)
+
+
 class Ecu(StoreEcu):
-    """Attributes: `jets`, whether they run; `has_release`, whether anything can be calibrated; `buses`, interface,
-    channel and frames of each that it was asked on."""
+    """`jets`: whether they run; `has_release`: whether anything can be calibrated; `buses`: interface, channel and
+    frames of each bus on which it was asked."""
 
     def __init__(self) -> None:
         self.jets, self.has_release = False, True
