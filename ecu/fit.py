@@ -83,5 +83,5 @@ def positions_of(manifest: Manifest) -> Array | None:
 
 def _check_equal(bundle: Bundle, name: str, built_for: object, here: object, *, owner: str, remedy: str = "") -> None:
     if built_for != here:
-        what = f"was built for {name} {built_for}, but the {owner} has {here}{remedy}"
-        raise BundleError(f"bundle {bundle.manifest.name!r} {what}")
+        bundled = bundle.manifest.name
+        raise BundleError(f"bundle {bundled!r} was built for {name} {built_for}, but the {owner} has {here}{remedy}")

@@ -19,8 +19,8 @@ MOST_MODULES = 15
 MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
-    "source": 59_680, "benchmarks": 4_436, "tests": 51_558, "own C": 15_700, "JavaScript": 2_774, "docs": 2_271,
-    "examples": 2_026,
+    "source": 56_609, "benchmarks": 4_183, "tests": 49_311, "own C": 15_700, "JavaScript": 2_774, "docs": 2_003,
+    "examples": 1_920,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""
 MOST_WORDS = 63_980

@@ -214,9 +214,11 @@ class Simulation:
         self._disturbances = Disturbances() if disturbances is None else disturbances
         config = self._disturbances.plant(config)
         self.periods = lead_in, total = spans.periods(config.flow.control_period)
-        if config.bus.interface != SIMULATED:
-            reason = f"a run is in virtual time, on the simulated bus; only {SIMULATED!r} is possible"
-            raise BusError(f"bus.interface = {config.bus.interface!r}: {reason}")
+        if (bus := config.bus.interface) != SIMULATED:
+            raise BusError(
+                f"bus.interface = {bus!r}: a run is in virtual time, on the simulated bus; "
+                f"only {SIMULATED!r} is possible"
+            )
         check_bit_rates(config)
         if (delay := config.vehicle.actuator_delay) >= total - lead_in:
             reason = f"control is requested for {total - lead_in} periods, so the jets would never move"
