@@ -44,8 +44,9 @@ class OperatingMode(Enum):
 
     @property
     def on_wire(self) -> Mode:
-        """The mode as reported in JetCommand and EcuStatus: the mode of the same name, or else OFF."""
-        return Mode[self.name] if self.name in Mode.__members__ else Mode.OFF
+        """The mode as reported in JetCommand and EcuStatus: the mode of the same name; OFF while control is not due."""
+        idle = (OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.ARMED, OperatingMode.UPDATE)
+        return Mode.OFF if self in idle else Mode[self.name]
 
     @property
     def drives_jets(self) -> bool:

@@ -105,7 +105,7 @@ def renew(
     target that is neither empty nor a bundle; StillwakeError if writing fails.
 
     Args:
-        trusted: the key that must have signed the old bundle, as in `load`.
+        created, trusted: day of the new bundle, YYYY-MM-DD; the key that must have signed the old bundle (`load`).
         operating_point: new width, speed or density, by name; other values come from the old bundle.
         weights: new weights of the cost, by name; other weights come from the old bundle.
         security_version, hardware: new values; None uses the old bundle's value.
