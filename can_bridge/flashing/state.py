@@ -164,8 +164,6 @@ def decode(raw: bytes) -> StoreState:
 def _slot(body: bytes, at: int) -> tuple[SlotState, int]:
     phase, boots_left, length, received, security_version, sha256, digest, signer, size = _SLOT.unpack_from(body, at)
     at += _SLOT.size
-    if at + size > len(body):
-        raise ValueError("the state ends within a name")
     name = body[at : at + size].decode()
     slot = SlotState(
         phase=SlotPhase(phase),

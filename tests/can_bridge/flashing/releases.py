@@ -87,8 +87,8 @@ RULES: dict[str, Any] = {
 """Of an ECU's store. Equal bytes, which recur thousands of times, are checked once."""
 
 
-def provision(backing: B, first: bytes | None, **changes: Any) -> B:
-    Store.provision(backing, **{"keys": keys(), "image": first, **RULES, **changes})
+def provision(backing: B, first: bytes | None, listed: bytes = keys(), **changes: Any) -> B:
+    store_on(backing, **changes).provision(listed, first)
     return backing
 
 

@@ -30,7 +30,7 @@ def test_an_ecu_leaves_production_with_a_confirmed_release_or_without_one():
     assert (name_of(boot), store.last_boot, boot.reason.in_words) == ("one", boot, "confirmed")
     assert store.running == store.state.active == Slot.A
     with pytest.raises(OutOfOrderError, match="must be empty"):
-        releases.provision(backing, TWO, keys=keys(2))
+        releases.provision(backing, TWO, keys(2))
     backing = releases.provision(PlainBacking(), None)
     store, boot = booted(backing)
     assert boot.reason == BootReason.NO_RELEASE
@@ -47,7 +47,7 @@ def test_an_ecu_leaves_production_with_a_confirmed_release_or_without_one():
 
 def test_nothing_that_would_not_boot_is_put_in_at_production():
     for changes, first, error, message in (
-        ({"keys": keys()[:-1]}, ONE, KeyFileError, "key list"),
+        ({"listed": keys()[:-1]}, ONE, KeyFileError, "key list"),
         ({"root": public_key(releases.STRANGER)}, ONE, KeyFileError, "root key"),
         ({}, image(key=releases.STRANGER), ConfigError, "key that is not in this ECU's list"),
         ({}, image(version=0), ConfigError, "security version"),
