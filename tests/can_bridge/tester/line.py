@@ -2,13 +2,13 @@
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any, Protocol, Self
+from typing import Protocol, Self
 
 from udsoncan.client import Client
 from udsoncan.connections import BaseConnection
 from udsoncan.exceptions import TimeoutException
 
-from can_bridge.tester.sequence import Flashed, flash
+from can_bridge.tester.asking import Asking
 from can_bridge.tester.transport import answers, silence
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.server import UdsServer
@@ -71,6 +71,9 @@ class Line(DirectConnection):
         self._request = b""
         self._waiting: deque[bytes] = deque()
 
+    def asking(self, key: AccessKey = KEY) -> Asking:
+        return Asking(Client(self), key=key.answer, clock=self.time.clock, sleep=self.time.sleep)
+
     def arrive(self, payload: bytes) -> None:
         self._waiting.append(payload)
 
@@ -103,8 +106,3 @@ class Line(DirectConnection):
             self.pending += payload[:1] == b"\x7f" and payload[2:] == b"\x78"
             if not self.lose(payload, False):
                 self._waiting.append(payload)
-
-
-def flash_over(line: Line, image: bytes, *, key: AccessKey = KEY, **others: Any) -> Flashed:
-    time = line.time
-    return flash(Client(line), image, key=key.answer, clock=time.clock, sleep=time.sleep, **others)

@@ -12,13 +12,14 @@ from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.tester import messages
-from can_bridge.tester.sequence import End, Flashed, Step
+from can_bridge.tester.sequence import End, Flashed, Flashing, Step
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.services import SERVICES, Did, Nrc, Refused, Routine, Service
 from contract.errors import FlashError
 from tests.can_bridge.flashing.releases import BLOCK, damage, flash, image, phases
+from tests.can_bridge.flashing.store_ecu import KEY
 from tests.can_bridge.tester.ecus import EcuToFlash
-from tests.can_bridge.tester.line import Line, flash_over
+from tests.can_bridge.tester.line import Line
 
 NEW = image("new")
 SHA256 = hashlib.sha256(NEW).digest()
@@ -40,8 +41,8 @@ def line(ecu: EcuToFlash) -> Line:
     return Line(ecu)
 
 
-def flashed(line: Line, new: bytes = NEW, **options: Any) -> Flashed:
-    return flash_over(line, new, **options)
+def flashed(line: Line, new: bytes = NEW, *, key: AccessKey = KEY, **options: Any) -> Flashed:
+    return Flashing(line.asking(key), new, **options).run()
 
 
 def test_an_ecu_that_knows_neither_silence_nor_a_switch_for_faults_is_flashed_all_the_same(monkeypatch) -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from can_bridge.tester import asking
 from can_bridge.tester.messages import NoAnswerError
-from can_bridge.tester.sequence import End, flash
+from can_bridge.tester.sequence import End, Flashing
 from can_bridge.tester.transfer import BLOCK_STEP, BlockLength
 from can_bridge.tester.transport import answers, open_client
 from can_bridge.uds.services import MAX_BLOCK, Did
@@ -53,7 +53,8 @@ def test_a_release_is_flashed_and_lost_and_doubled_frames_only_cost_time(
     monkeypatch.setattr("can_bridge.tester.transport.FLOW_CONTROL_MS", 50)
     rate, ecu = 0.006 if config.frames == "fd" else 0.0009, EcuToFlash()
     with served(ecu, config, lost=rate, doubled=rate) as count, open_client(config) as client:
-        done = flash(client, NEW, key=KEY.answer)
+        ours = asking.Asking(client, key=KEY.answer, clock=time.monotonic, sleep=time.sleep)
+        done = Flashing(ours, NEW).run()
     assert (done.end, ecu.runs) == (End.CONFIRMED, "new")
     assert done.unanswered > 0
     # Frames are filled: all but the first of a block carry 63 or 7 bytes.
