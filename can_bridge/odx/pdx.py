@@ -13,8 +13,7 @@ from xml.sax.saxutils import escape
 from can_bridge.flashing.state import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds import services
-from can_bridge.uds.fault_codes import CODES, J2012_FORMAT, Snapshot, in_letters
-from can_bridge.uds.fault_memory import AVAILABLE, FaultReport
+from can_bridge.uds.fault_memory import AVAILABLE, CODES, J2012_FORMAT, FaultReport, Snapshot, in_letters
 from can_bridge.uds.services import POSITIVE, Did, Nrc, Permission, Routine, Service, Session
 from can_bridge.wire.messages import SENSORS, Mode, Reason
 from contract.config.diagnosis import CanId
@@ -92,13 +91,10 @@ def chart(name: str, semantic: str, states: Iterable[str]) -> str:
 
 DID_TYPES: Final[Mapping[Did, str]] = {
     Did.ACTIVE_SESSION: "session",
-    Did.SERIAL_NUMBER: "text",
-    Did.HARDWARE: "text",
-    Did.SOFTWARE_VERSION: "text",
+    **dict.fromkeys((Did.SERIAL_NUMBER, Did.HARDWARE, Did.SOFTWARE_VERSION), "text"),
     Did.DBC_SHA256: "bytes_32",
     Did.STORE: "bytes",
-    Did.KEY_LIST: "u32",
-    Did.CAPACITY: "u32",
+    **dict.fromkeys((Did.KEY_LIST, Did.CAPACITY), "u32"),
     Did.PERIOD_NS: "bytes_8",
     Did.CALIBRATION: "calibration",
     Did.CALIBRATION_LIMITS: "calibration_limits",
@@ -168,13 +164,7 @@ def _reports() -> Iterator[tuple[FaultReport, tuple[str, ...], tuple[str, ...]]]
     yield FaultReport.SUPPORTED, (), (available, faults)
 
 
-_SNAPSHOT_TYPES: Final = {
-    Snapshot.TIME_MS: ("u32",),
-    Snapshot.MODE_BEFORE: ("mode",),
-    Snapshot.MISSED: ("u16",),
-    Snapshot.OVERRUNS: ("u16",),
-    Snapshot.PRESSURES_CP: ("f32",) * SENSORS,
-}
+_SNAPSHOT_TYPES: Final = dict(zip(Snapshot, (["u32"], ["mode"], ["u16"], ["u16"], SENSORS * ["f32"]), strict=True))
 
 
 def pdx(bus: BusConfig, because: Mapping[Reason, str]) -> bytes:

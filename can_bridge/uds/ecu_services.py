@@ -101,22 +101,16 @@ class EcuServices:
         self._taken_keys = value
 
     def routine(self, routine: Routine, option: bytes) -> Long[bytes]:
-        status = yield from self._run(routine, option)
-        if routine is Routine.CHECK:
-            verdict = Verdict(status[0])
-            self._log("checked", f"the written release: {verdict.in_words}", verdict=verdict.name)
-        elif routine in _DONE:
-            self._log(*_DONE[routine])
-        return status
-
-    def _run(self, routine: Routine, option: bytes) -> Long[bytes]:
+        status = b""
         with as_refusals():
             if routine is Routine.PRECONDITIONS:
                 self._check_preconditions()
             elif routine is Routine.ERASE:
-                return (yield from self._announce(int.from_bytes(option[:4], "big"), option[4:]))
+                status = yield from self._announce(int.from_bytes(option[:4], "big"), option[4:])
             elif routine is Routine.CHECK:
-                return bytes([(yield from self._store.finish())])
+                verdict = yield from self._store.finish()
+                status = bytes([verdict])
+                self._log("checked", f"the written release: {verdict.in_words}", verdict=verdict.name)
             elif routine is Routine.ACTIVATE:
                 self._store.activate()
             elif routine is Routine.SELF_TEST:
@@ -125,7 +119,9 @@ class EcuServices:
                 self._confirm()
             elif routine is Routine.REVERT:
                 yield from self._revert()
-        return b""
+        if routine in _DONE:
+            self._log(*_DONE[routine])
+        return status
 
     def download(self, offset: int, length: int) -> None:
         """Expect `length` bytes of the announced image, beginning at byte `offset`."""

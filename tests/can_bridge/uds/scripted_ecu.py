@@ -6,6 +6,7 @@ from typing import Any
 from can_bridge.flashing.backing import Long
 from can_bridge.flashing.state import Level
 from can_bridge.uds.ecu_services import EcuServices
+from can_bridge.uds.fault_memory import FaultMemory
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Did, Nrc, Refused, Routine, Session
@@ -78,13 +79,13 @@ class ScriptedEcu(EcuServices):
 class Bench:
     """A server, the ECU behind it, and a clock. Seeds are `seeds`, then numbers that are counted up."""
 
-    def __init__(self, ecu: ScriptedEcu | None = None, *, now_ns: int = 0) -> None:
+    def __init__(self, ecu: ScriptedEcu | None = None, *, faults: FaultMemory | None = None, now_ns: int = 0) -> None:
         self.ecu = ecu or ScriptedEcu()
         self.key = AccessKey(SECRET)
         self.now_ns = now_ns
         self.seeds: list[bytes] = []
         self._drawn = 0
-        self.server = UdsServer(self.ecu, self.key, self._random_bytes)
+        self.server = UdsServer(self.ecu, self.key, self._random_bytes, faults or FaultMemory())
 
     def ask(self, *parts: int | bytes | Sequence[int]) -> bytes | None:
         """The one answer to a request, None if there was none."""
