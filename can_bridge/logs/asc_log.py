@@ -46,42 +46,39 @@ _EVENTS: Final = {
 
 
 def read_asc(lines: entries.Lines) -> Iterator[Entry]:
-    """Yield the lines' entries. Raises ValueError with the number of a line that is neither frame, event nor header."""
+    """Yield the lines' entries. Raises ValueError for a line that is neither frame, event nor header."""
     base, in_block, has_times = 16, False, False
     clock = _Clock()
-    for number, line in lines:
+    for line in lines:
         text = line.strip()
         words = text.split()
-        try:
-            if text.startswith(("//", ";")):
-                yield LogEvent(entries.COMMENT)
-                continue
-            if _TIME.fullmatch(words[0]) and len(words) > 1:
-                if not line.endswith("\n") and in_block:
-                    break
-                has_times = True
-                entry = _entry(clock.of(float(words[0])), words, text, base)
-                if not isinstance(entry, LogEvent):
-                    clock.place(entry.timestamp)
-                    entry.timestamp += clock.offset_s
-                yield entry
-                continue
-            if begin := _BEGIN.match(text):
-                clock.begin(begin[1])
-                in_block = True
-            elif _END.match(text):
-                in_block = False
-            elif (found := _BASE.search(text)) or _TIMESTAMPS.search(text):
-                base = base if found is None else 10 if found[1].lower() == "dec" else 16
-                if timestamps := _TIMESTAMPS.search(text):
-                    clock.is_relative = timestamps[1].lower() == "relative"
-            elif has_times and "internal events logged" not in text.lower() and words[0].lower() != "date":
-                raise ValueError(f"{quoted(text, 60)} is neither frame nor event")
-            elif text[0] in "0123456789+-(":  # only a line of data can begin so
-                raise ValueError(f"{quoted(text, 60)} has no time in seconds with a decimal point")
-            yield LogEvent(entries.HEADER_LINE)
-        except ValueError as error:
-            raise ValueError(f"line {number}: {error}") from None
+        if text.startswith(("//", ";")):
+            yield LogEvent(entries.COMMENT)
+            continue
+        if _TIME.fullmatch(words[0]) and len(words) > 1:
+            if not line.endswith("\n") and in_block:
+                break
+            has_times = True
+            entry = _entry(clock.of(float(words[0])), words, text, base)
+            if not isinstance(entry, LogEvent):
+                clock.place(entry.timestamp)
+                entry.timestamp += clock.offset_s
+            yield entry
+            continue
+        if begin := _BEGIN.match(text):
+            clock.begin(begin[1])
+            in_block = True
+        elif _END.match(text):
+            in_block = False
+        elif (found := _BASE.search(text)) or _TIMESTAMPS.search(text):
+            base = base if found is None else 10 if found[1].lower() == "dec" else 16
+            if timestamps := _TIMESTAMPS.search(text):
+                clock.is_relative = timestamps[1].lower() == "relative"
+        elif has_times and "internal events logged" not in text.lower() and words[0].lower() != "date":
+            raise ValueError(f"{quoted(text, 60)} is neither frame nor event")
+        elif text[0] in "0123456789+-(":  # only a line of data can begin so
+            raise ValueError(f"{quoted(text, 60)} has no time in seconds with a decimal point")
+        yield LogEvent(entries.HEADER_LINE)
     if in_block:
         raise entries.CutOffError("it has no End TriggerBlock")
 

@@ -38,23 +38,20 @@ _REMEDY: Final = "record with `candump -L`"
 
 
 def read_candump(lines: entries.Lines, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
-    """Yield the entries of the lines. Raises ValueError with the number of a line that candump does not write."""
+    """Yield the entries of the lines. Raises ValueError for a line that candump does not write."""
     clock = _Clock(since_epoch)
     after_error = False
-    for number, line in lines:
+    for line in lines:
         text = re.sub(r"\x1b\[[0-9;]*m", "", line).strip()  # without colours
-        try:
-            if text.startswith(("#", "//", ";")):
-                yield LogEvent(entries.COMMENT)
-            elif after_error and line.startswith(("\t", " ")) and not _SCREEN.fullmatch(text):
-                # `candump -e` writes the description of an error frame in the lines after the frame.
-                yield LogEvent("description of an error frame")
-            else:
-                entry = _entry(text, clock, is_whole=line.endswith("\n"))
-                yield entry
-                after_error = not isinstance(entry, LogEvent) and entry.is_error_frame
-        except ValueError as error:
-            raise ValueError(f"line {number}: {error}") from None
+        if text.startswith(("#", "//", ";")):
+            yield LogEvent(entries.COMMENT)
+        elif after_error and line.startswith(("\t", " ")) and not _SCREEN.fullmatch(text):
+            # `candump -e` writes the description of an error frame in the lines after the frame.
+            yield LogEvent("description of an error frame")
+        else:
+            entry = _entry(text, clock, is_whole=line.endswith("\n"))
+            yield entry
+            after_error = not isinstance(entry, LogEvent) and entry.is_error_frame
     clock.check()
 
 

@@ -17,7 +17,7 @@ import can
 from can_bridge.logs.asc_log import read_asc
 from can_bridge.logs.blf_log import read_blf
 from can_bridge.logs.candump_log import read_candump
-from can_bridge.logs.entries import Binary, CutOffError, Entry, LogEvent, lines_of
+from can_bridge.logs.entries import Binary, CutOffError, Entry, Lines, LogEvent
 from can_bridge.logs.mcap_file import read_mcap
 from can_bridge.logs.mdf_file import read_mdf
 from can_bridge.logs.table_log import TABLE_COLUMNS, read_csv, read_db
@@ -114,17 +114,23 @@ class CanLog:
         suffix = suffix_of(self.path)
         if suffix == ".mf4":
             yield from read_mdf(self.path, self._since_epoch)
-        elif suffix in _UNPACKED:
+            return
+        if suffix in _UNPACKED:
             yield from (read_mcap if suffix == ".mcap" else read_db)(self.path)
-        else:
-            file: Binary = GzipFile(self.path) if self.path.suffix.lower() == PACKED else self.path.open("rb")
-            with file:
-                if suffix == ".blf":
-                    yield from read_blf(file, self._since_epoch)
-                elif suffix in (".asc", ".csv"):
-                    yield from (read_asc if suffix == ".asc" else read_csv)(lines_of(file))
+            return
+        file: Binary = GzipFile(self.path) if self.path.suffix.lower() == PACKED else self.path.open("rb")
+        with file:
+            if suffix == ".blf":
+                yield from read_blf(file, self._since_epoch)
+                return
+            lines = Lines(file)
+            try:
+                if suffix in (".asc", ".csv"):
+                    yield from (read_asc if suffix == ".asc" else read_csv)(lines)
                 else:
-                    yield from (read_trc if suffix == ".trc" else read_candump)(lines_of(file), self._since_epoch)
+                    yield from (read_trc if suffix == ".trc" else read_candump)(lines, self._since_epoch)
+            except (ValueError, OverflowError) as error:
+                raise ValueError(f"line {lines.number}: {error}" if lines.number else str(error)) from None
 
     def _since_epoch(self, start: datetime) -> float:
         self.is_local = True

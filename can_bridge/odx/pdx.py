@@ -1,19 +1,22 @@
-"""The PDX file (ISO 22901-1): an archive of diagnostic layers, bus parameters, a flash sequence and a catalogue."""
+"""The files for testers: the PDX file (ISO 22901-1), an archive of diagnostic layers, bus parameters, a flash sequence
+and a catalogue; and the rule by which a key is computed from a seed, for authors of a seed-and-key library."""
 
 import io
+import json
 import re
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from importlib.metadata import version
 from importlib.resources import files
 from string import Template
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 from xml.sax.saxutils import escape
 
 from can_bridge.flashing.state import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds import services
 from can_bridge.uds.fault_memory import AVAILABLE, CODES, J2012_FORMAT, FaultReport, Snapshot, in_letters
+from can_bridge.uds.security import ANSWER_LENGTH, DELAY_NS, LABEL, MAX_ATTEMPTS, SEED_LENGTH, AccessKey
 from can_bridge.uds.services import POSITIVE, Did, Nrc, Permission, Routine, Service, Session
 from can_bridge.wire.messages import SENSORS, Mode, Reason
 from contract.config.diagnosis import CanId
@@ -125,7 +128,15 @@ def described() -> Iterator[Described]:
         yield Described(f"session_{session.name}", Service.SESSION, (session,), answer=timing)
     yield Described("reset_hard", Service.RESET, (1,))
     yield Described("clear_faults", Service.CLEAR_FAULTS, request=(value("group", "u24"),))
-    for report, request, answer in _reports():
+    mask, available, faults = value("mask", "u8"), constant("available", AVAILABLE), value("faults", "faults")
+    code, record = (value("code", "code"), value("status", "u8")), (value("code", "code"), value("record", "u8"))
+    for report, request, answer in (
+        (FaultReport.COUNT, (mask,), (available, constant("form", J2012_FORMAT), value("count", "u16"))),
+        (FaultReport.BY_STATUS, (mask,), (available, faults)),
+        (FaultReport.SNAPSHOT, record, (*code, value("snapshots", "snapshots"))),
+        (FaultReport.EXTENDED, record, (*code, value("records", "extendeds"))),
+        (FaultReport.SUPPORTED, (), (available, faults)),
+    ):
         yield Described(f"faults_{report.name}", Service.REPORT_FAULTS, (report,), request, answer)
     for did, of in DID_TYPES.items():
         yield Described(f"read_{did.name}", Service.READ, (did,), answer=(value("value", of),))
@@ -152,16 +163,6 @@ def described() -> Iterator[Described]:
     yield Described("tester_present", Service.TESTER_PRESENT, (0,))
     for name, number in (("faults_on", 1), ("faults_off", 2)):
         yield Described(name, Service.FAULT_SETTING, (number,))
-
-
-def _reports() -> Iterator[tuple[FaultReport, tuple[str, ...], tuple[str, ...]]]:
-    mask, available, faults = value("mask", "u8"), constant("available", AVAILABLE), value("faults", "faults")
-    yield FaultReport.COUNT, (mask,), (available, constant("form", J2012_FORMAT), value("count", "u16"))
-    yield FaultReport.BY_STATUS, (mask,), (available, faults)
-    code, record = (value("code", "code"), value("status", "u8")), (value("code", "code"), value("record", "u8"))
-    yield FaultReport.SNAPSHOT, record, (*code, value("snapshots", "snapshots"))
-    yield FaultReport.EXTENDED, record, (*code, value("records", "extendeds"))
-    yield FaultReport.SUPPORTED, (), (available, faults)
 
 
 _SNAPSHOT_TYPES: Final = dict(zip(Snapshot, (["u32"], ["mode"], ["u16"], ["u16"], SENSORS * ["f32"]), strict=True))
@@ -257,3 +258,52 @@ def _states(one: Described) -> Iterator[str]:
 
 def _state(one: Session | Level) -> str:
     return f"{type(one).__name__}_{one.name}".lower()
+
+
+SEED_AND_KEY: Final = "seed_and_key.json"
+EXAMPLE: Final = bytes(range(16))
+"""The bytes of both the access key and the seed in each known answer. No ECU uses this access key."""
+_LIBRARY: Final = {
+    "function": "GenerateKeyEx",
+    "prototype": "int GenerateKeyEx(const unsigned char *seed, unsigned int seed_length, unsigned int level, "
+    "const char *variant, unsigned char *key, unsigned int key_capacity, unsigned int *key_length)",
+    "level": "number of the level below",
+    "variant": "not used: the library's maker keeps an access key for each ECU",
+    "returns": {"0": "key computed", "1": "key_capacity too small", "2": "level unknown", "4": "other error"},
+}
+"""The interface of the seed-and-key library that testers load. Tools for Windows expect a DLL with this function."""
+
+
+def seed_and_key() -> bytes:
+    """Return the rule by which a key is computed from a seed, as JSON; it contains no secret."""
+    example = AccessKey(EXAMPLE)
+
+    def level(one: Level) -> dict[str, Any]:
+        return {
+            "name": one.name.lower(),
+            "level": int(one),
+            "request_seed": f"27 {one:02X}",
+            "send_key": f"27 {one + 1:02X}",
+            "sessions": sorted(f"10 {session:02X}" for session in services.LEVELS[one].sessions),
+            "known_answer": {
+                "access_key": EXAMPLE.hex(),
+                "seed": EXAMPLE.hex(),
+                "key": example.answer(one, EXAMPLE).hex(),
+            },
+        }
+
+    described = {
+        "algorithm": "AES-CMAC (RFC 4493) with keys of 128 bits",
+        "level_key": "AES-CMAC(access key, label followed by the level in one byte)",
+        "key": "AES-CMAC(level_key, seed)",
+        "label_hex": LABEL.hex(),
+        "access_key_bytes": len(EXAMPLE),
+        "seed_bytes": SEED_LENGTH,
+        "key_bytes": ANSWER_LENGTH,
+        "seed_of_zeros": "the level is unlocked already: send no key",
+        "attempts": MAX_ATTEMPTS,
+        "delay_s": DELAY_NS / 1e9,
+        "levels": [level(one) for one in Level],
+        "library": _LIBRARY,
+    }
+    return (json.dumps(described, indent=2) + "\n").encode()

@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 from itertools import repeat
 from typing import Final
 
+from can_bridge.flashing import report
 from can_bridge.flashing.backing import Long
-from can_bridge.flashing.report import encode, report_of
 from can_bridge.flashing.state import Level, SlotPhase
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
@@ -81,7 +81,7 @@ class EcuServices:
         if did is Did.KEY_LIST:
             return (self._store.keys.version if self._store.keys else 0).to_bytes(4, "big")
         if did is Did.STORE:
-            return encode(report_of(self._store))
+            return report.encode(self._store)
         if did in self._identification:
             return self._identification[did]
         return self._of_release().read(did)
@@ -106,7 +106,12 @@ class EcuServices:
             if routine is Routine.PRECONDITIONS:
                 self._check_preconditions()
             elif routine is Routine.ERASE:
-                status = yield from self._announce(int.from_bytes(option[:4], "big"), option[4:])
+                self._check_preconditions()
+                self.is_updating, self._has_passed, self._has_confirmed = True, False, False
+                length = int.from_bytes(option[:4], "big")
+                offset = yield from self._store.announce(length, option[4:])
+                self._announced_length = length
+                status = offset.to_bytes(4, "big")
             elif routine is Routine.CHECK:
                 verdict = yield from self._store.finish()
                 status = bytes([verdict])
@@ -118,7 +123,10 @@ class EcuServices:
             elif routine is Routine.CONFIRM:
                 self._confirm()
             elif routine is Routine.REVERT:
-                yield from self._revert()
+                self._check_preconditions()
+                verdict = yield from self._store.revert()
+                if verdict != Verdict.GOOD:
+                    raise Refused(Nrc.CONDITIONS_NOT_CORRECT, f"the previous release: {verdict.in_words}")
         if routine in _DONE:
             self._log(*_DONE[routine])
         return status
@@ -162,13 +170,6 @@ class EcuServices:
         if (code := self._refusal()) is not None:
             raise Refused(code)
 
-    def _announce(self, length: int, sha256: bytes) -> Long[bytes]:
-        self._check_preconditions()
-        self.is_updating, self._has_passed, self._has_confirmed = True, False, False
-        offset = yield from self._store.announce(length, sha256)
-        self._announced_length = length
-        return offset.to_bytes(4, "big")
-
     def _run_self_test(self) -> Long[None]:
         self._has_passed = False
         if self._self_test is None:
@@ -191,9 +192,3 @@ class EcuServices:
         elif not self._has_confirmed:
             # A tester that confirms now assumes that the release that it sent is running, but no release runs on trial.
             raise Refused(Nrc.SEQUENCE_ERROR, "no release runs on trial")
-
-    def _revert(self) -> Long[None]:
-        self._check_preconditions()
-        verdict = yield from self._store.revert()
-        if verdict != Verdict.GOOD:
-            raise Refused(Nrc.CONDITIONS_NOT_CORRECT, f"the previous release: {verdict.in_words}")

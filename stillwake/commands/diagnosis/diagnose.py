@@ -92,10 +92,10 @@ def _asked(config: Config, *, clear: bool) -> "tuple[dict[str, str | int], Store
 
 def _from_folder(slots: Path) -> "tuple[dict[str, str | int], StoreReport]":
     """Read the contents of an ECU's folder; nothing is booted and nothing is written."""
+    from can_bridge.flashing import report
     from can_bridge.flashing.folder_backing import FolderBacking
-    from can_bridge.flashing.report import report_of
-    from can_bridge.flashing.state import Verdict
     from can_bridge.flashing.store import Store
+    from can_bridge.flashing.verdicts import Verdict
     from ecu.flashable.ecu_folder import read_folder
 
     folder = read_folder(slots)
@@ -103,7 +103,7 @@ def _from_folder(slots: Path) -> "tuple[dict[str, str | int], StoreReport]":
     store = Store(backing, root=folder.root, hardware=folder.hardware, fits=fits)
     found: dict[str, str | int] = {"serial_number": folder.serial, "hardware": folder.hardware}
     found |= {"root_key": folder.root.fingerprint, "capacity": store.backing.capacity}
-    return found, report_of(store)
+    return found, report.decode(report.encode(store))
 
 
 def _rows(report: "StoreReport") -> list[tuple[str, str]]:

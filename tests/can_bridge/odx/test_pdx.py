@@ -11,8 +11,7 @@ import pytest
 
 from can_bridge.flashing.state import Level
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.odx.pdx import pdx
-from can_bridge.odx.seed_and_key import seed_and_key
+from can_bridge.odx.pdx import pdx, seed_and_key
 from can_bridge.uds.fault_memory import CODES, in_letters
 from can_bridge.uds.services import Did, Nrc, Routine, Session
 from can_bridge.wire.messages import Mode, Reason

@@ -10,11 +10,11 @@ from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.isotp.endpoint import Endpoint
 from contract.config.vehicle import BusConfig
 from ecu.flashable.links import isotp_settings
-from tests.can_bridge.tester.line import Ecu
+from tests.can_bridge.flashing.store_ecu import StoreEcu
 
 
 @contextmanager
-def served(ecu: Ecu, config: BusConfig, *, lost: float = 0.0, doubled: float = 0.0) -> Iterator[Callable[[], int]]:
+def served(ecu: StoreEcu, config: BusConfig, *, lost: float = 0.0, doubled: float = 0.0) -> Iterator[Callable[[], int]]:
     """Yields what counts the frames that have come; frames are lost or doubled at these rates in both directions."""
     endpoint, rng = Endpoint(isotp_settings(config)), random.Random(1)
     stop, count, faults = Event(), [0], list[BaseException]()

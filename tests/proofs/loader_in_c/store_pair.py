@@ -317,7 +317,7 @@ class Pair:
         attempts = [(store.state.failed_attempts[level], c.sw_store_failed_attempts(own, level)) for level in Level]
         seen = {
             "answer": (python, found),
-            "report": (report.encode(report.report_of(store)), self._text(c.sw_store_report, own)),
+            "report": (report.encode(store), self._text(c.sw_store_report, own)),
             "received": (0xFFFFFFFF if store.received is None else store.received, c.sw_store_received(own)),
             **{kind.name: (self.flash.kept.get(kind, b""), self._record(kind)) for kind in RecordKind},
             "calibration": (calibration or b"", self._text(lambda to: c.sw_store_calibration(own, to, 1024))),
