@@ -33,7 +33,6 @@ class OutOfOrderError(BusError):
 class BootReason(InWords):
     CONFIRMED = 1, "confirmed"
     TRIAL = 2, "on trial"
-    """An activated image that has not been confirmed yet."""
     REVERTED = 3, "confirmed; the release on trial was rejected"
     """The image on trial failed a check or was not confirmed in time."""
     FALLBACK = 4, "the previous release; the confirmed release is damaged"

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from importlib.metadata import version
 from importlib.resources import files
 from string import Template
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 from xml.sax.saxutils import escape
 
 from can_bridge.flashing.state import Level
@@ -277,21 +277,18 @@ _LIBRARY: Final = {
 def seed_and_key() -> bytes:
     """Return the rule by which a key is computed from a seed, as JSON; it contains no secret."""
     example = AccessKey(EXAMPLE)
-
-    def level(one: Level) -> dict[str, Any]:
-        return {
+    levels = [
+        {
             "name": one.name.lower(),
             "level": int(one),
             "request_seed": f"27 {one:02X}",
             "send_key": f"27 {one + 1:02X}",
             "sessions": sorted(f"10 {session:02X}" for session in services.LEVELS[one].sessions),
-            "known_answer": {
-                "access_key": EXAMPLE.hex(),
-                "seed": EXAMPLE.hex(),
-                "key": example.answer(one, EXAMPLE).hex(),
-            },
+            "known_answer": dict.fromkeys(("access_key", "seed"), EXAMPLE.hex())
+            | {"key": example.answer(one, EXAMPLE).hex()},
         }
-
+        for one in Level
+    ]
     described = {
         "algorithm": "AES-CMAC (RFC 4493) with keys of 128 bits",
         "level_key": "AES-CMAC(access key, label followed by the level in one byte)",
@@ -303,7 +300,7 @@ def seed_and_key() -> bytes:
         "seed_of_zeros": "the level is unlocked already: send no key",
         "attempts": MAX_ATTEMPTS,
         "delay_s": DELAY_NS / 1e9,
-        "levels": [level(one) for one in Level],
+        "levels": levels,
         "library": _LIBRARY,
     }
     return (json.dumps(described, indent=2) + "\n").encode()

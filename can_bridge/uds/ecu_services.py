@@ -38,6 +38,7 @@ class EcuServices:
         calibration: service for the calibration; None without a release.
         self_test: runs the release on test windows; raises StillwakeError if the test fails. None without a release.
         refusal: returns the reason why the ECU may not be programmed now, or None.
+        on_reset: resets the ECU; called after the request was answered.
         log: called with an event's name, its text, and its fields.
 
     Attributes:
@@ -57,7 +58,7 @@ class EcuServices:
     ) -> None:
         self._store = store
         self._identification, self._calibration, self._self_test = identification, calibration, self_test
-        self._refusal, self._on_reset, self._log = refusal, on_reset, log
+        self._refusal, self.reset, self._log = refusal, on_reset, log
         self._announced_length = 0
         self.is_updating = False
         self._has_passed = self._has_confirmed = False
@@ -72,7 +73,7 @@ class EcuServices:
         self._store.drop()
         if self.is_updating:
             # The reset starts the old release. Without the reset, the jets would stay shut until the next power-on.
-            self._on_reset()
+            self.reset()
 
     def read(self, did: Did) -> bytes:
         """Return the value of an identifier; raises OUT_OF_RANGE if the identifier has no value."""
@@ -156,10 +157,6 @@ class EcuServices:
         """Check that control did not begin during the session: a reset, or the end of messages, would interrupt it."""
         if not self.is_updating:
             self._check_preconditions()
-
-    def reset(self) -> None:
-        """Reset the ECU; called after the request was answered."""
-        self._on_reset()
 
     def _of_release(self) -> CalibrationService:
         if self._calibration is None:
