@@ -17,20 +17,6 @@ NS = 1_000_000_000
 TICK_NS = 20_000_000
 
 
-class VirtualTime:
-    def __init__(self, on_tick: Callable[[], None]) -> None:
-        self.now_ns, self._on_tick = 0, on_tick
-
-    def clock(self) -> float:
-        return self.now_ns / NS
-
-    def sleep(self, seconds: float) -> None:
-        until = self.now_ns + round(seconds * NS)
-        while self.now_ns < until:
-            self.now_ns = min(until, self.now_ns + TICK_NS)
-            self._on_tick()
-
-
 class DirectConnection(BaseConnection):
     """udsoncan's connection to an ECU without a bus, always open; a subclass sends requests and waits for answers."""
 
@@ -55,7 +41,7 @@ class Line(DirectConnection):
     def __init__(self, ecu: Any) -> None:
         super().__init__()
         self.ecu = ecu
-        self.time = VirtualTime(self._tick)
+        self.now_ns = 0
         self.lose: Callable[[bytes, bool], bool] = lambda payload, to_ecu: False
         self.heard: list[bytes] = []
         self.pending = 0
@@ -63,7 +49,16 @@ class Line(DirectConnection):
         self._waiting: deque[bytes] = deque()
 
     def asking(self, key: AccessKey = KEY) -> Asking:
-        return Asking(Client(self), key=key.answer, clock=self.time.clock, sleep=self.time.sleep)
+        return Asking(Client(self), key=key.answer, clock=self.clock, sleep=self.sleep)
+
+    def clock(self) -> float:
+        return self.now_ns / NS
+
+    def sleep(self, seconds: float) -> None:
+        until = self.now_ns + round(seconds * NS)
+        while self.now_ns < until:
+            self.now_ns = min(until, self.now_ns + TICK_NS)
+            self._take(self.ecu.server.tick(self.now_ns))
 
     def arrive(self, payload: bytes) -> None:
         self._waiting.append(payload)
@@ -75,20 +70,17 @@ class Line(DirectConnection):
         self._request = payload
         if not self.lose(payload, True):
             self.heard.append(payload)
-            self._take(self.ecu.server.request(self.time.now_ns, payload))
+            self._take(self.ecu.server.request(self.now_ns, payload))
 
     def specific_wait_frame(self, timeout: float | None = None) -> bytes:
-        until = self.time.now_ns + round((timeout or 0.0) * NS)
-        while self.time.now_ns <= until:
+        until = self.now_ns + round((timeout or 0.0) * NS)
+        while self.now_ns <= until:
             while self._waiting:
                 payload = self._waiting.popleft()
                 if answers(self._request, payload):
                     return payload
-            self.time.sleep(TICK_NS / NS)
+            self.sleep(TICK_NS / NS)
         raise TimeoutException
-
-    def _tick(self) -> None:
-        self._take(self.ecu.server.tick(self.time.now_ns))
 
     def _take(self, payloads: list[bytes]) -> None:
         if self.ecu.is_reset:

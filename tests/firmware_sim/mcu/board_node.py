@@ -131,7 +131,7 @@ class BoardLine(Line):
         super().__init__(self)
         self.server: Any = self
         self.is_reset = False
-        self._board, self.time.now_ns = board, board.board.counter.now_ns
+        self._board, self.now_ns = board, board.board.counter.now_ns
         self._response = bus.diagnosis.response
         self._end = Endpoint(isotp_settings(bus, is_tester=True))
 
