@@ -213,8 +213,7 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
     if not len(moving):
         raise DatasetError(f"{path}: its VehicleSpeed frames state 0 m/s: the vehicle stands still, so Cp is undefined")
     median, known = float(np.median(moving)), speeds.density[np.isfinite(speeds.density)]
-    words = {"speed": (moving, "m/s"), "density": (known, "kg/m3")}
-    for name, (values, unit) in words.items():
+    for name, values, unit in (("speed", moving, "m/s"), ("density", known, "kg/m3")):
         setting = float(getattr(scales.point, name))
         if f"operating_point.{name}" not in scales.given or not len(values):
             continue

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from can_bridge.flashing.backing import Long, MediumError, RecordKind, Slot, at_once
 from can_bridge.flashing.checking import Release
 from can_bridge.flashing.remembered import PIECE, Remembered, encode_calibrations
-from can_bridge.flashing.state import TRIAL_BOOTS, SlotPhase, SlotState, StoreState
+from can_bridge.flashing.state import TRANSFERRED, TRIAL_BOOTS, SlotPhase, SlotState, StoreState
 from can_bridge.flashing.verdicts import InWords, Verdict
 from contract.errors import BusError, ConfigError, KeyFileError
 from contract.release import key_list
@@ -141,7 +141,8 @@ class Store(Remembered):
         if self.running == slot:
             self.running = None
         stays: int | None = None
-        if standing.holds(length, sha256) and not self._is_known_bad(slot):
+        is_same = standing.phase in TRANSFERRED and (standing.length, standing.sha256) == (length, sha256)
+        if is_same and not self._is_known_bad(slot):
             with suppress(MediumError):
                 stays = self.backing.begin_again(slot, standing.received)
         wanted = stays or 0

@@ -153,7 +153,7 @@ def _entry(time_s: float, words: list[str], text: str, base: int) -> Entry:
         return _event(words[2], text)
     direction = words[3].lower() if len(words) > 3 else ""
     if direction not in _DIRECTIONS:
-        if words[2] in entries.IDS or _identifier(words[2], base) is not None:
+        if _identifier(words[2], base) is not None:
             raise ValueError(f"{quoted(text, 60)} has neither Rx nor Tx after the identifier")
         return _event(words[2], text)
     if direction == "txrq":

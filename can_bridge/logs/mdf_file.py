@@ -146,9 +146,8 @@ def write_mdf(path: Path, messages: Sequence[can.Message], groups: Sequence[Chan
             records = [one for one in messages if _kind(one) == name]
             source = asammdf.Source(name, "CAN", "", asammdf.Source.SOURCE_BUS, asammdf.Source.BUS_TYPE_CAN)
             times = np.array([one.timestamp for one in records]) - start_s
-            samples = _records(name, records, channels)
             comment = ", ".join(f"channel {number}: {channel}" for channel, number in channels.items())
-            signal = asammdf.Signal(samples, times, name=name, source=source)
+            signal = asammdf.Signal(_records(name, records, channels), times, name=name, source=source)
             measurement.append(signal, acq_name="CAN", acq_source=source, comment=comment)
         for group in groups:
             signals = [_signal(asammdf, group, one, start_s) for one in group.channels]

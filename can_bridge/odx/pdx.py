@@ -212,8 +212,7 @@ def _filling(bus: BusConfig, because: Mapping[Reason, str]) -> dict[str, object]
 
 
 def _functional(used: CanId) -> str:
-    bits = 29 if used.is_extended else 11
-    values = {"Format": f"normal segmented {bits}-bit transmit with FC", "Id": used.number}
+    values = {"Format": f"normal segmented {29 if used.is_extended else 11}-bit transmit with FC", "Id": used.number}
     return "".join(
         f'<COMPARAM-REF ID-REF="CP_CanFuncReq{name}" DOCREF="ISO_15765_2" DOCTYPE="COMPARAM-SUBSET">'
         f"<SIMPLE-VALUE>{value}</SIMPLE-VALUE></COMPARAM-REF>"

@@ -53,8 +53,7 @@ class Asking:
 
     def session(self, session: Session) -> None:
         """Begin a session; raises NotNowError if the vehicle's state forbids it."""
-        step = f"begin the {session.name.lower()} session"
-        self._in_good_state(step, lambda: self._client.change_session(session))
+        self._in_good_state(f"begin the {session.name.lower()} session", lambda: self._client.change_session(session))
 
     def read(self, did: Did, *, times: int = READ_TIMES) -> bytes:
         number = int(did)

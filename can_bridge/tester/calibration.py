@@ -70,8 +70,7 @@ def _keep(asking: Asking, value: bytes, step: str) -> None:
 
 
 def _check_in_force(asking: Asking, wanted: bytes) -> None:
-    found = asking.read(Did.CALIBRATION)
-    if found != wanted:
+    if asking.read(Did.CALIBRATION) != wanted:
         raise FlashError(
             "the ECU's values differ from the written values: end another tool that calibrates the ECU, and try again"
         )

@@ -107,8 +107,7 @@ class Flashing:
 
         def ended(end: End) -> Flashed:
             asking.session(Session.DEFAULT)
-            effort = resumed_from, attempts, asking.unanswered, asking.clock() - began
-            return Flashed(end, before, after, *effort)
+            return Flashed(end, before, after, resumed_from, attempts, asking.unanswered, asking.clock() - began)
 
         if self._is_ours(after.running_slot) and after.running == after.active:
             return ended(End.ALREADY)

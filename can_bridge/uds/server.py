@@ -276,7 +276,8 @@ class UdsServer:
         if under_way is None or under_way.is_closed:
             self._diagnostics.download(offset, length)
             self._transfer = Download(offset, length)
-        elif under_way.has_begun or (under_way.offset, under_way.length) != (offset, length):
+        elif (under_way.offset, under_way.length, under_way.missing) != (offset, length, length):
+            # Another download was requested, or blocks of this one have come.
             raise Refused(Nrc.CONDITIONS_NOT_CORRECT)
         return bytes([_TWO_BYTES]) + MAX_BLOCK.to_bytes(2, "big")
 

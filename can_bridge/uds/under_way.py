@@ -58,10 +58,6 @@ class Download:
         self._last: tuple[int, bytes] | None = None
         self.is_closed = False
 
-    @property
-    def has_begun(self) -> bool:
-        return self._last is not None
-
     def is_new(self, counter: int, data: bytes) -> bool:
         """Return whether to write this block; False if it repeats the last block. Raises Refused for a wrong block."""
         if self._last == (counter, data) and not self.is_closed:
