@@ -15,8 +15,7 @@ from can_bridge.flashing.state import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.isotp.endpoint import KEPT_PLACES
 from can_bridge.uds import services
-from can_bridge.uds.fault_codes import CODES, SNAPSHOT_FORMATS, Snapshot, in_letters
-from can_bridge.uds.fault_memory import AGED_CYCLES, AVAILABLE, Status
+from can_bridge.uds.fault_memory import AGED_CYCLES, AVAILABLE, CODES, SNAPSHOT_FORMATS, Snapshot, Status, in_letters
 from can_bridge.uds.security import ANSWER_LENGTH, DELAY_NS, LABEL, MAX_ATTEMPTS, SEED_LENGTH
 from can_bridge.uds.server import MAX_DIDS
 from can_bridge.uds.services import (

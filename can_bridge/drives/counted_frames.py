@@ -8,7 +8,7 @@ a long gap, and where counter and time disagree permanently because the sender r
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -21,12 +21,10 @@ _LONGEST: Final = 1000
 _JUMP: Final = 0.5
 """Largest permanent shift of the times within a stretch, in periods; at a larger shift a new stretch begins."""
 _AROUND: Final = 16
-"""Number of frames on each side of a possible shift of the reception times. The shift is the difference between the
-sides' median delays. The number exceeds the length of a burst, and is large enough to average jitter of 0.4 periods."""
+"""Number of frames on each side of a shift, more than in a burst. Their median delays differ by the shift."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class CountedFrame:
+class CountedFrame(NamedTuple):
     """A frame with a valid CRC. `time_s` is the time of reception on the log's clock."""
 
     time_s: float

@@ -112,9 +112,8 @@ class Cutter:
     def _groups(self, present: Mask) -> list[tuple[str, list[int]]]:
         """Return named groups of columns. The columns of a group are always missing in the same rows."""
         sensors = list(range(SENSORS))
-        together = present[:, sensors].any(axis=1) == present[:, sensors].all(axis=1)
         groups: list[tuple[str, list[int]]] = [("pressures", sensors)]
-        if not together.all():
+        if (present[:, sensors].any(axis=1) != present[:, sensors].all(axis=1)).any():
             groups = [(f"valid pressure {self._sensors[i]}", [i]) for i in sensors]
         return [*groups, ("command", [SENSORS])]
 

@@ -105,22 +105,31 @@ def series_of(
     if interval_s <= 0.0:
         raise DatasetError(f"{path}: most pressure frames are not later than the one before; the times are too coarse")
     nominal_s, point = scales.period_s if speeds is None else _nominal(interval_s), scales.point
-    if speeds is None:
-        _check_period(path, interval_s, scales)
+    if speeds is None and abs(interval_s / scales.period_s - 1.0) > 0.2:
+        raise DatasetError(
+            f"{path}: its pressures are {interval_s * 1e3:.4g} ms apart, but the control period is "
+            f"{scales.period_s * 1e3:.4g} ms, which is flow.control_period times W / U_inf: give the drive's "
+            f"operating_point.width and .speed with --set"
+        )
     stretches, repeated, misplaced = number(log.pressures, period_s=nominal_s, modulus=modulus)
     pressures, sampled_s, stale = zip(*(samples_of(one, log.messages, nominal_s) for one in stretches), strict=True)
     # The sender's period on the log's clock is found by a fit to the longest `FrameStretch`, if it is long enough.
     period_s = nominal_s
     longest = max(range(len(stretches)), key=lambda i: len(stretches[i]))
-    if len(stretches[longest]) >= SHORTEST_PIECE:
-        clock = clock_of(stretches[longest], sampled_s[longest])
-        rows = len(stretches[longest])
-        if speeds is None:
-            _check_drift(path, clock, rows, scales)
-        else:
+    if (rows := len(stretches[longest])) >= SHORTEST_PIECE:
+        period_s, jitter_s = clock_of(stretches[longest], sampled_s[longest])[1:]
+        drift = period_s / nominal_s - 1.0
+        # Jitter at the two ends of a log looks like drift, so a shorter log may have a larger difference.
+        uncertain = _DRIFT + jitter_s / (nominal_s * rows / 2)
+        if speeds is not None:
             # The fitted period replaces the median interval, which jitter changes more.
-            nominal_s = _nominal(clock.period_s, _uncertain(clock, nominal_s * rows))
-        period_s = clock.period_s
+            nominal_s = _nominal(period_s, uncertain)
+        elif abs(drift) > uncertain:
+            raise DatasetError(
+                f"{path}: pressures come every {period_s * 1e3:.6g} ms, but the control period is "
+                f"{nominal_s * 1e3:.6g} ms: {drift:+.2%} is too large for a clock drift; correct "
+                f"flow.control_period or operating_point"
+            )
     if speeds is not None:
         point = _point_of(path, speeds, nominal_s, scales)
     clocks = [clock_of(one, times, period_s) for one, times in zip(stretches, sampled_s, strict=True)]
@@ -195,12 +204,6 @@ def _nominal(period_s: float, within: float = _DRIFT) -> float:
     return rounded if abs(rounded - period_s) <= within * period_s else period_s
 
 
-def _uncertain(clock: SenderClock, duration_s: float) -> float:
-    """Return the largest relative difference between a fitted period and the nominal period. Jitter at the two ends of
-    a log looks like drift, so a shorter log may have a larger difference."""
-    return _DRIFT + clock.jitter_s / (duration_s / 2)
-
-
 def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales) -> OperatingPoint:
     """Return the operating point with the log's median density and median speed while the vehicle moves. Raises
     DatasetError if the vehicle never moves, a given setting contradicts the log, or no speed fits the period."""
@@ -210,8 +213,7 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
     if not len(moving):
         raise DatasetError(f"{path}: its VehicleSpeed frames state 0 m/s: the vehicle stands still, so Cp is undefined")
     median, known = float(np.median(moving)), speeds.density[np.isfinite(speeds.density)]
-    words = {"speed": (moving, "m/s"), "density": (known, "kg/m3")}
-    for name, (values, unit) in words.items():
+    for name, values, unit in (("speed", moving, "m/s"), ("density", known, "kg/m3")):
         setting = float(getattr(scales.point, name))
         if f"operating_point.{name}" not in scales.given or not len(values):
             continue
@@ -247,22 +249,3 @@ def _air(
 
 def _moves(speed: Array, period_s: float, scales: Scales) -> Mask:
     return np.asarray(speed * period_s / scales.point.width >= _STANDS * scales.period)
-
-
-def _check_period(path: Path, interval_s: float, scales: Scales) -> None:
-    if abs(interval_s / scales.period_s - 1.0) > 0.2:
-        raise DatasetError(
-            f"{path}: its pressures are {interval_s * 1e3:.4g} ms apart, but the control period is "
-            f"{scales.period_s * 1e3:.4g} ms, which is flow.control_period times W / U_inf: give the drive's "
-            f"operating_point.width and .speed with --set"
-        )
-
-
-def _check_drift(path: Path, clock: SenderClock, rows: int, scales: Scales) -> None:
-    drift = clock.period_s / scales.period_s - 1.0
-    if abs(drift) > _uncertain(clock, scales.period_s * rows):
-        raise DatasetError(
-            f"{path}: pressures come every {clock.period_s * 1e3:.6g} ms, but the control period is "
-            f"{scales.period_s * 1e3:.6g} ms: {drift:+.2%} is too large for a clock drift; correct "
-            f"flow.control_period or operating_point"
-        )

@@ -6,7 +6,6 @@ the last valid speed then stays in use for a limited time. Between two valid spe
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -14,9 +13,6 @@ from can_bridge.drives.counted_frames import CountedFrame
 from can_bridge.wire.message_sets import MessageSet
 from contract.arrays import Array
 from contract.config.vehicle import SpeedConfig
-
-_SHORTEST_S: Final = 0.1
-"""Shortest time in s over which a change of speed is checked, so that rounding is not mistaken for an acceleration."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,7 +106,8 @@ def _spans(said: list[tuple[float, float, float]], config: SpeedConfig) -> list[
     spans: list[list[tuple[float, float, float]]] = []
     for one in said:
         passed = one[0] - spans[-1][-1][0] if spans else np.inf
-        is_near = bool(spans) and abs(one[1] - spans[-1][-1][1]) <= config.most_acceleration * max(passed, _SHORTEST_S)
+        # A change is checked as if it took at least 0.1 s, so that rounding is not mistaken for an acceleration.
+        is_near = bool(spans) and abs(one[1] - spans[-1][-1][1]) <= config.most_acceleration * max(passed, 0.1)
         if passed <= 0 or (passed <= config.oldest_ms * 1e-3 and not is_near):
             continue
         if not is_near:

@@ -12,15 +12,10 @@ from contract.errors import BusError
 
 
 class MediumError(BusError):
-    """An error of the memory at `address`."""
-
-    def __init__(self, message: str, address: int) -> None:
-        super().__init__(message)
-        self.address = address
+    """An error of the memory."""
 
 
 T = TypeVar("T")
-
 Long = Generator[None, None, T]
 """A generator that executes a long operation in parts. Between two parts the caller can answer frames or give up. A
 part takes at most a few tens of milliseconds on a controller. The generator's return value is the result."""

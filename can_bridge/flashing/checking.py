@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import BundleDbcError, BundleError, BundleSignatureError, BundleSignerError
@@ -15,20 +15,8 @@ from contract.release.key_list import KeyList
 from contract.release.manifest import MANIFEST
 from contract.release.signing import PublicKey
 
-
-class Release(Protocol):
-    """The data of a valid release that a store records, for any kind of image."""
-
-    @property
-    def digest(self) -> str: ...
-    @property
-    def name(self) -> str: ...
-    @property
-    def security_version(self) -> int: ...
-    @property
-    def signer(self) -> PublicKey | None: ...
-
-
+Release = Bundle | ControllerImage
+"""The content of a valid image."""
 Fits = Callable[[Any], Verdict]
 """A function that returns whether a checked release is for this vehicle: GOOD, WRONG_PERIOD or WRONG_VEHICLE."""
 

@@ -52,16 +52,13 @@ class FolderFiles:
         with _reported(self._folder / old):
             (self._folder / old).replace(self._folder / new)
 
+    def sync_folder(self) -> None:
+        self.sync("")
+
     def sync(self, name: str) -> None:
         """Wait until the file's content is on the disk."""
-        self._sync(self._folder / name)
-
-    def sync_folder(self) -> None:
-        self._sync(self._folder)
-
-    def _sync(self, path: Path) -> None:
-        with _reported(path):
-            handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        with _reported(self._folder / name):
+            handle = os.open(self._folder / name, os.O_RDONLY | os.O_NONBLOCK)
             try:
                 os.fsync(handle)
             finally:
@@ -86,7 +83,7 @@ def _reported(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise MediumError(f"store {path}: {error.strerror or error}", 0) from error
+        raise MediumError(f"store {path}: {error.strerror or error}") from error
 
 
 CAPACITY: Final = 16 * 1024 * 1024
@@ -143,7 +140,7 @@ class FolderBacking:
         """Truncate a slot's file to `length` bytes; raises MediumError if the file has fewer bytes."""
         there = self._files.size(_slot_file(slot))
         if there < length:
-            raise MediumError(f"slot {slot.name} has {there} bytes: must have {length} or more", there)
+            raise MediumError(f"slot {slot.name} has {there} bytes: must have {length} or more")
         if there:
             self._files.truncate(_slot_file(slot), length)
         self._written[slot] = length
@@ -152,9 +149,9 @@ class FolderBacking:
     def append(self, slot: Slot, data: bytes) -> None:
         """See `Backing.append`. Also raises MediumError if the slot was not prepared since power-on."""
         if slot not in self._written:
-            raise MediumError(f"slot {slot.name} is not prepared: clear it, or announce its image again", 0)
+            raise MediumError(f"slot {slot.name} is not prepared: clear it, or announce its image again")
         if self._written[slot] + len(data) > self.capacity:
-            raise MediumError(f"slot {slot.name} has room for only {self.capacity} bytes", self.capacity)
+            raise MediumError(f"slot {slot.name} has room for only {self.capacity} bytes")
         before = self._written.pop(slot)
         self._unsynced.add(slot)
         self._files.append(_slot_file(slot), data)
@@ -163,7 +160,7 @@ class FolderBacking:
     def read(self, slot: Slot, offset: int, length: int) -> bytes:
         found = self._files.read(_slot_file(slot), offset, length) or b""
         if len(found) != length:
-            raise MediumError(f"slot {slot.name}: nothing was written at byte {offset + len(found)}", offset)
+            raise MediumError(f"slot {slot.name}: nothing was written at byte {offset + len(found)}")
         return found
 
 

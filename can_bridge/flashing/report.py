@@ -12,7 +12,7 @@ Numbers are big-endian.
 
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final
 
@@ -43,9 +43,6 @@ class SlotReport:
     verdict: Verdict | None
 
 
-_STANDING: Final = tuple(one.name for one in fields(SlotReport) if one.name != "verdict")
-
-
 @dataclass(frozen=True, kw_only=True)
 class StoreReport:
     """The state of the store; for the fields see `Store` and `state.StoreState`. `reason` is None before the first
@@ -65,36 +62,20 @@ class StoreReport:
         return None if self.running is None else self.slots[self.running]
 
 
-def report_of(store: Store) -> StoreReport:
+def encode(store: Store) -> bytes:
+    """Return the report on a store as bytes, the value of the identifier `Did.STORE`."""
     state, boot = store.state, store.last_boot
+    slots = (_NONE if slot is None else slot for slot in (store.running, state.active, state.next_boot))
+    reason = 0 if boot is None else boot.reason
     verdicts = {} if boot is None else boot.verdicts
-    first, second = (
-        SlotReport(**{name: getattr(standing, name) for name in _STANDING}, verdict=verdicts.get(slot))
-        for slot, standing in zip(Slot, state.slots, strict=True)
-    )
-    return StoreReport(
-        slots=(first, second),
-        running=store.running,
-        active=state.active,
-        next_boot=state.next_boot,
-        reason=None if boot is None else boot.reason,
-        least_security_version=state.least_security_version,
-        key_list_version=None if store.keys is None else store.keys.version,
-        failed_attempts=dict(state.failed_attempts),
-    )
-
-
-def encode(report: StoreReport) -> bytes:
-    """Return the report as bytes, the value of the identifier `Did.STORE`."""
-    slots = (_NONE if slot is None else slot for slot in (report.running, report.active, report.next_boot))
-    reason = 0 if report.reason is None else report.reason.value
-    attempts = (report.failed_attempts[level] for level in Level)
-    raw = _HEAD.pack(_MAGIC, *slots, reason, report.least_security_version, report.key_list_version or 0, *attempts)
-    for slot in report.slots:
-        name = slot.name.encode()
-        verdict = _NONE if slot.verdict is None else slot.verdict
-        numbers = (slot.security_version, slot.received, slot.length)
-        raw += _SLOT.pack(slot.phase, verdict, slot.boots_left, len(name), *numbers, bytes.fromhex(slot.digest)) + name
+    version = 0 if store.keys is None else store.keys.version
+    attempts = (state.failed_attempts[level] for level in Level)
+    raw = _HEAD.pack(_MAGIC, *slots, reason, state.least_security_version, version, *attempts)
+    for slot, standing in zip(Slot, state.slots, strict=True):
+        name = standing.name.encode()
+        head = standing.phase, verdicts.get(slot, _NONE), standing.boots_left, len(name)
+        numbers = standing.security_version, standing.received, standing.length
+        raw += _SLOT.pack(*head, *numbers, bytes.fromhex(standing.digest)) + name
     return raw
 
 

@@ -76,14 +76,11 @@ class SlotState:
     signer: bytes = b""
     boots_left: int = 0
 
-    def holds(self, length: int, sha256: bytes) -> bool:
-        """Return whether the slot has this image, completely or in part."""
-        return self.phase in _TRANSFERRED and (self.length, self.sha256) == (length, sha256)
-
 
 _KNOWN: Final = frozenset({SlotPhase.CHECKED, SlotPhase.TRIAL, SlotPhase.CONFIRMED})
 """Phases of an image that passed its checks."""
-_TRANSFERRED: Final = _KNOWN | {SlotPhase.FILLING}
+TRANSFERRED: Final = _KNOWN | {SlotPhase.FILLING}
+"""Phases in which a slot has an image, completely or in part."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,8 +161,6 @@ def decode(raw: bytes) -> StoreState:
 def _slot(body: bytes, at: int) -> tuple[SlotState, int]:
     phase, boots_left, length, received, security_version, sha256, digest, signer, size = _SLOT.unpack_from(body, at)
     at += _SLOT.size
-    if at + size > len(body):
-        raise ValueError("the state ends within a name")
     name = body[at : at + size].decode()
     slot = SlotState(
         phase=SlotPhase(phase),

@@ -16,10 +16,10 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from can_bridge.flashing.backing import Backing, Long, MediumError, RecordKind, Slot, at_once
-from can_bridge.flashing.checking import Fits, ImageCheck, Release, check
+from can_bridge.flashing.backing import Long, MediumError, RecordKind, Slot, at_once
+from can_bridge.flashing.checking import Release
 from can_bridge.flashing.remembered import PIECE, Remembered, encode_calibrations
-from can_bridge.flashing.state import TRIAL_BOOTS, SlotPhase, SlotState, StoreState
+from can_bridge.flashing.state import TRANSFERRED, TRIAL_BOOTS, SlotPhase, SlotState, StoreState
 from can_bridge.flashing.verdicts import InWords, Verdict
 from contract.errors import BusError, ConfigError, KeyFileError
 from contract.release import key_list
@@ -33,7 +33,6 @@ class OutOfOrderError(BusError):
 class BootReason(InWords):
     CONFIRMED = 1, "confirmed"
     TRIAL = 2, "on trial"
-    """An activated image that has not been confirmed yet."""
     REVERTED = 3, "confirmed; the release on trial was rejected"
     """The image on trial failed a check or was not confirmed in time."""
     FALLBACK = 4, "the previous release; the confirmed release is damaged"
@@ -66,33 +65,20 @@ class Store(Remembered):
     _announced: Slot | None = None
     """The slot of the transfer in progress; the next bytes are appended to the bytes that the slot has."""
 
-    @classmethod
-    def provision(
-        cls,
-        backing: Backing,
-        *,
-        root: PublicKey,
-        keys: bytes,
-        image: bytes | None,
-        hardware: str,
-        fits: Fits,
-        check: ImageCheck = check,
-    ) -> "Store":
+    def provision(self, keys: bytes, image: bytes | None) -> None:
         """Fill a new ECU's empty memory with a key list and with a confirmed image in slot A. Raises OutOfOrderError if
         a release is confirmed; KeyFileError if the root key did not sign the list; ConfigError for an invalid image."""
-        store = cls(backing, root=root, hardware=hardware, fits=fits, check=check)
-        if store.state.active is not None:
+        if self.state.active is not None:
             raise OutOfOrderError("the store has a confirmed release: it must be empty to be provisioned")
-        if backing.records().get(RecordKind.KEYS) != keys:
-            store.take_keys(keys)
+        if self.backing.records().get(RecordKind.KEYS) != keys:
+            self.take_keys(keys)
         if image is not None:
-            at_once(store.announce(len(image), hashlib.sha256(image).digest()))
-            for at in range(store.received or 0, len(image), PIECE):
-                store.append(image[at : at + PIECE])
-            if (verdict := at_once(store.finish())) != Verdict.GOOD:
+            at_once(self.announce(len(image), hashlib.sha256(image).digest()))
+            for at in range(self.received or 0, len(image), PIECE):
+                self.append(image[at : at + PIECE])
+            if (verdict := at_once(self.finish())) != Verdict.GOOD:
                 raise ConfigError(f"image: {verdict.in_words}; must be a bundle for this ECU")
-            store._confirm(Slot.A)
-        return store
+            self._confirm(Slot.A)
 
     @property
     def received(self) -> int | None:
@@ -155,7 +141,8 @@ class Store(Remembered):
         if self.running == slot:
             self.running = None
         stays: int | None = None
-        if standing.holds(length, sha256) and not self._is_known_bad(slot):
+        is_same = standing.phase in TRANSFERRED and (standing.length, standing.sha256) == (length, sha256)
+        if is_same and not self._is_known_bad(slot):
             with suppress(MediumError):
                 stays = self.backing.begin_again(slot, standing.received)
         wanted = stays or 0

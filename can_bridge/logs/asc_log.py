@@ -16,8 +16,7 @@ from can_bridge.logs.entries import BRS, ESI, FD_FRAME, Entry, LogEvent
 from can_bridge.wire.frame import MAX_FRAME_ID
 from contract.printable import quoted
 
-_HEX: Final = re.compile(r"[0-9A-Fa-f]+")
-_DECIMAL: Final = re.compile(r"[0-9]+")
+_DIGITS: Final = {16: re.compile("[0-9A-Fa-f]+"), 10: re.compile("[0-9]+")}
 _TIME: Final = re.compile(r"[+-]?\d+(?:\.\d+)?")
 _BASE: Final = re.compile(r"\bbase\s+(hex|dec)\b", re.IGNORECASE)
 _TIMESTAMPS: Final = re.compile(r"\btimestamps\s+(absolute|relative)\b", re.IGNORECASE)
@@ -29,7 +28,6 @@ _NUMBER_OF_NAME: Final = re.compile(r"\bID\s*=\s*(\d+)(x?)", re.IGNORECASE)
 """Pattern of the decimal identifier that files of version 8 or later have after a classic frame."""
 _DIRECTIONS: Final = ("rx", "tx", "txrq")
 _FD_FLAG, _REMOTE_FLAG = 0x1000, 0x10
-_DAY_S: Final = 86_400.0
 _EVENTS: Final = {
     "start": "start of measurement",
     "log": "trigger",
@@ -48,77 +46,71 @@ _EVENTS: Final = {
 
 
 def read_asc(lines: entries.Lines) -> Iterator[Entry]:
-    """Yield the lines' entries. Raises ValueError with the number of a line that is neither frame, event nor header."""
-    base, is_relative, in_block, has_times = 16, False, False, False
+    """Yield the lines' entries. Raises ValueError for a line that is neither frame, event nor header."""
+    base, in_block, has_times = 16, False, False
     clock = _Clock()
-    for number, line in lines:
+    for line in lines:
         text = line.strip()
         words = text.split()
-        try:
-            if text.startswith(("//", ";")):
-                yield LogEvent(entries.COMMENT)
-            elif begin := _BEGIN.match(text):
-                clock.begin(begin[1], is_relative=is_relative)
-                in_block = True
-                yield LogEvent(entries.HEADER_LINE)
-            elif _END.match(text):
-                in_block = False
-                yield LogEvent(entries.HEADER_LINE)
-            elif _TIME.fullmatch(words[0]) and len(words) > 1:
-                if not line.endswith("\n") and in_block:
-                    break
-                has_times = True
-                time_s = clock.of(float(words[0]), is_relative=is_relative)
-                entry = _entry(time_s, words, text, base)
-                if not isinstance(entry, LogEvent):
-                    clock.place(entry.timestamp, is_relative=is_relative)
-                    entry.timestamp += clock.offset_s
-                yield entry
-            elif (found := _BASE.search(text)) or _TIMESTAMPS.search(text):
-                base = base if found is None else 10 if found[1].lower() == "dec" else 16
-                timestamps = _TIMESTAMPS.search(text)
-                is_relative = is_relative if timestamps is None else timestamps[1].lower() == "relative"
-                yield LogEvent(entries.HEADER_LINE)
-            elif not has_times or "internal events logged" in text.lower() or words[0].lower() == "date":
-                if text[0] in "0123456789+-(":  # only a line of data can begin so
-                    raise ValueError(f"{quoted(text, 60)} has no time in seconds with a decimal point")
-                yield LogEvent(entries.HEADER_LINE)
-            else:
-                raise ValueError(f"{quoted(text, 60)} is neither frame nor event")
-        except ValueError as error:
-            raise ValueError(f"line {number}: {error}") from None
+        if text.startswith(("//", ";")):
+            yield LogEvent(entries.COMMENT)
+            continue
+        if _TIME.fullmatch(words[0]) and len(words) > 1:
+            if not line.endswith("\n") and in_block:
+                break
+            has_times = True
+            entry = _entry(clock.of(float(words[0])), words, text, base)
+            if not isinstance(entry, LogEvent):
+                clock.place(entry.timestamp)
+                entry.timestamp += clock.offset_s
+            yield entry
+            continue
+        if begin := _BEGIN.match(text):
+            clock.begin(begin[1])
+            in_block = True
+        elif _END.match(text):
+            in_block = False
+        elif (found := _BASE.search(text)) or _TIMESTAMPS.search(text):
+            base = base if found is None else 10 if found[1].lower() == "dec" else 16
+            if timestamps := _TIMESTAMPS.search(text):
+                clock.is_relative = timestamps[1].lower() == "relative"
+        elif has_times and "internal events logged" not in text.lower() and words[0].lower() != "date":
+            raise ValueError(f"{quoted(text, 60)} is neither frame nor event")
+        elif text[0] in "0123456789+-(":  # only a line of data can begin so
+            raise ValueError(f"{quoted(text, 60)} has no time in seconds with a decimal point")
+        yield LogEvent(entries.HEADER_LINE)
     if in_block:
         raise entries.CutOffError("it has no End TriggerBlock")
 
 
 class _Clock:
     """A clock that converts the times of a file's lines to s since the start of the first trigger block, by adding
-    `offset_s`. In the file, times may count from the previous line, or restart with each trigger block."""
+    `offset_s`. In the file, times may count from the previous line (`is_relative`), or restart with each block."""
 
     def __init__(self) -> None:
-        self.offset_s = 0.0
+        self.offset_s, self.is_relative = 0.0, False
         self._sum_s = self._latest = 0.0
         self._has_frames = False
         self._first_date: str | None = None
         self._date = ""
         self._is_new = False
 
-    def begin(self, date: str, *, is_relative: bool) -> None:
+    def begin(self, date: str) -> None:
         if self._first_date is None:
             self._first_date = date
         self._date, self._is_new = date, self._has_frames
-        if is_relative and self._is_new and (since := _between(self._first_date, date)) is not None:
+        if self.is_relative and self._is_new and (since := _between(self._first_date, date)) is not None:
             self._sum_s = max(self._sum_s, since)
 
-    def of(self, time_s: float, *, is_relative: bool) -> float:
+    def of(self, time_s: float) -> float:
         self._sum_s += time_s
-        return self._sum_s if is_relative else time_s
+        return self._sum_s if self.is_relative else time_s
 
-    def place(self, time_s: float, *, is_relative: bool) -> None:
+    def place(self, time_s: float) -> None:
         """Record a frame's time. If a block's first frame is earlier than a previous frame, the times restart in this
         block, and `offset_s` becomes the time from the first block's date to this block's date. In this case, raises
         ValueError if a date is unreadable, or if the frame is earlier even with this offset."""
-        if self._is_new and not is_relative and time_s + self.offset_s < self._latest:
+        if self._is_new and not self.is_relative and time_s + self.offset_s < self._latest:
             since = _between(self._first_date or "", self._date)
             if since is None or time_s + since < self._latest:
                 raise ValueError(
@@ -141,9 +133,9 @@ def _between(first: str, second: str) -> float | None:
         days.append(int(date[1]))
         seconds.append(3600.0 * hour + 60.0 * int(date[3]) + float(date[4]))
     if months[0] == months[1]:
-        return (days[1] - days[0]) * _DAY_S + seconds[1] - seconds[0]
+        return (days[1] - days[0]) * 86_400.0 + seconds[1] - seconds[0]
     # The names of months depend on the language, so blocks of two months are assumed to be one day apart.
-    return _DAY_S + seconds[1] - seconds[0] if days[1] < days[0] else None
+    return 86_400.0 + seconds[1] - seconds[0] if days[1] < days[0] else None
 
 
 def _entry(time_s: float, words: list[str], text: str, base: int) -> Entry:
@@ -161,7 +153,7 @@ def _entry(time_s: float, words: list[str], text: str, base: int) -> Entry:
         return _event(words[2], text)
     direction = words[3].lower() if len(words) > 3 else ""
     if direction not in _DIRECTIONS:
-        if words[2] in entries.IDS or _identifier(words[2], base) is not None:
+        if _identifier(words[2], base) is not None:
             raise ValueError(f"{quoted(text, 60)} has neither Rx nor Tx after the identifier")
         return _event(words[2], text)
     if direction == "txrq":
@@ -236,7 +228,7 @@ def _identifier(word: str, base: int) -> entries.Ident | None:
         return entries.IDS[name], False
     is_extended = word[-1:] in ("x", "X")
     digits = word[:-1] if is_extended else word
-    if not (_HEX if base == 16 else _DECIMAL).fullmatch(digits):
+    if not _DIGITS[base].fullmatch(digits):
         return None
     number = int(digits, base)
     # A word of hexadecimal digits that begins with a letter and is too large for 11 bits is a name.

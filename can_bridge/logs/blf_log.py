@@ -49,8 +49,7 @@ _NAMES: Final = {
     126: "data lost, end",
 }
 _EXTENDED: Final = 0x80000000
-_REMOTE: Final = 0x80
-_DIRECTION: Final = 0xF
+_REMOTE, _DIRECTION = 0x80, 0xF
 _TX, _TX_REQUEST = 1, 2
 
 
@@ -73,7 +72,7 @@ def read_blf(file: entries.Binary, since_epoch: entries.SinceEpoch) -> Iterator[
                 yield _entry(found_kind, found_object, found_header, start_ns)
     if announced > there:
         raise entries.CutOffError(f"its header announces {announced} bytes, but {there} are present")
-    if outside.has_rest or inside.has_rest:
+    if any(b"LOBJ" in stream.rest for stream in (outside, inside)):
         raise entries.CutOffError("its last object is incomplete")
 
 
@@ -101,15 +100,11 @@ class _Stream:
     """A sequence of objects; the last object of a block may continue in the next block."""
 
     def __init__(self) -> None:
-        self._rest = b""
-
-    @property
-    def has_rest(self) -> bool:
-        return b"LOBJ" in self._rest
+        self.rest = b""
 
     def objects(self, block: bytes) -> Iterator[tuple[int, bytes, int]]:
         """Yield each object's type, bytes and header length. Raises ValueError if an object is missing or too short."""
-        data, at = self._rest + block, 0
+        data, at = self.rest + block, 0
         while True:
             # Up to three bytes of padding come between objects, depending on their type.
             begin = data.find(b"LOBJ", at, at + 8)
@@ -126,7 +121,7 @@ class _Stream:
                 break
             yield kind, data[begin : begin + size], header
             at = begin + size
-        self._rest = data[at:]
+        self.rest = data[at:]
 
 
 def _unpacked(container: bytes) -> bytes:

@@ -29,35 +29,29 @@ _LOG: Final = re.compile(r"\(([^)]*)\)\s+(\S+)\s+([0-9A-Fa-f]+)#(\S*)(?:\s+([RTr
 _SCREEN: Final = re.compile(
     r"(?:\(([^)]*)\)\s+)?(\S+)\s+(?:(RX|TX) [B-] [E-]\s+)?([0-9A-Fa-f]+)\s+(?:\[(\d+)\]|\{([0-9A-Fa-f]+)\})(?:\s+(.*))?"
 )
-_COLOUR: Final = re.compile(r"\x1b\[[0-9;]*m")
 _FD: Final = re.compile(r"#([0-9A-Fa-f])(.*)")
 _DATA: Final = re.compile(r"((?:[0-9A-Fa-f]{2}\.?)*)(?:_[9A-Fa-f])?")
 _REMOTE: Final = re.compile(r"[Rr]([0-9])?(?:_[9A-Fa-f])?")
 _RELATIVE: Final = re.compile(r"\d{3}\.\d{6}")
 """A relative time: candump pads the seconds of -t z and -t d to three digits, and seconds since the epoch to ten."""
 _REMEDY: Final = "record with `candump -L`"
-_LATE: Final = 0.1
-"""Largest share of frames that may have the time of the channel's previous frame; some drivers repeat times."""
 
 
 def read_candump(lines: entries.Lines, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
-    """Yield the entries of the lines. Raises ValueError with the number of a line that candump does not write."""
+    """Yield the entries of the lines. Raises ValueError for a line that candump does not write."""
     clock = _Clock(since_epoch)
     after_error = False
-    for number, line in lines:
-        text = _COLOUR.sub("", line).strip()
-        try:
-            if text.startswith(("#", "//", ";")):
-                yield LogEvent(entries.COMMENT)
-            elif after_error and line.startswith(("\t", " ")) and not _SCREEN.fullmatch(text):
-                # `candump -e` writes the description of an error frame in the lines after the frame.
-                yield LogEvent("description of an error frame")
-            else:
-                entry = _entry(text, clock, is_whole=line.endswith("\n"))
-                yield entry
-                after_error = not isinstance(entry, LogEvent) and entry.is_error_frame
-        except ValueError as error:
-            raise ValueError(f"line {number}: {error}") from None
+    for line in lines:
+        text = re.sub(r"\x1b\[[0-9;]*m", "", line).strip()  # without colours
+        if text.startswith(("#", "//", ";")):
+            yield LogEvent(entries.COMMENT)
+        elif after_error and line.startswith(("\t", " ")) and not _SCREEN.fullmatch(text):
+            # `candump -e` writes the description of an error frame in the lines after the frame.
+            yield LogEvent("description of an error frame")
+        else:
+            entry = _entry(text, clock, is_whole=line.endswith("\n"))
+            yield entry
+            after_error = not isinstance(entry, LogEvent) and entry.is_error_frame
     clock.check()
 
 
@@ -89,7 +83,7 @@ class _Clock:
 
     def check(self) -> None:
         """Raise ValueError if too many frames are not later than the previous frame, as with times of -t d."""
-        if self._not_later > _LATE * self._count:
+        if self._not_later > 0.1 * self._count:  # some drivers repeat times
             raise self._differences(f"{self._not_later} of {self._count} frames are not later than the previous frame")
 
     def _differences(self, why: str) -> ValueError:
@@ -97,27 +91,33 @@ class _Clock:
 
 
 def _entry(text: str, clock: _Clock, *, is_whole: bool) -> Entry:
-    if (log := _LOG.fullmatch(text)) is not None:
+    if log := _LOG.fullmatch(text):
         time, channel, digits, body, direction = log.groups()
         if not is_whole and direction is None:
             raise entries.CutOffError("its last line has no line end, so it may be incomplete")
-        if body.startswith("##"):
-            return LogEvent(entries.XL)
-        return _logged(clock.of(time, channel), channel, _ident(digits), body, is_rx=direction not in ("T", "t"))
-    if (screen := _SCREEN.fullmatch(text)) is None:
+        is_xl = body.startswith("##")
+    elif screen := _SCREEN.fullmatch(text):
+        time, channel, direction, digits, length, code, rest = screen.groups()
+        is_xl = length is not None and int(length) > FD_LENGTHS[-1]
+    else:
         raise ValueError(f"{quoted(text, 60)} is not a line of candump")
-    time, channel, direction, digits, length, code, rest = screen.groups()
-    if length is not None and int(length) > FD_LENGTHS[-1]:
+    if is_xl:
         return LogEvent(entries.XL)
-    time_s, ident, is_rx, rest = clock.of(time, channel), _ident(digits), direction != "TX", rest or ""
+    time_s, is_rx = clock.of(time, channel), direction not in ("TX", "T", "t")
+    if len(digits) > 8:
+        raise ValueError(f"identifier {digits} must have at most 8 digits")
+    ident = int(digits, 16), len(digits) > 3  # a 29-bit identifier has eight digits, another has three
     if ident[1] and ident[0] & _ERROR:
         return entries.error_frame(time_s, channel, ident[0] & ~_ERROR)
+    if log:
+        return _logged(time_s, channel, ident, body, is_rx=is_rx)
     # Braces contain a length code: {1}. Brackets contain the number of bytes: [8] in classic CAN, [08] in CAN FD.
     fd = FD_FRAME if code is None and len(length) > 1 else 0
     if length is None:
         count = entries.length_of(int(code, 16), is_fd=False)
     else:
         count = entries.check_length(int(length), is_fd=bool(fd))
+    rest = rest or ""
     if rest.startswith("remote request"):
         return entries.frame(time_s, channel, ident, None, dlc=count, is_rx=is_rx)
     if "`" in rest:
@@ -130,8 +130,6 @@ def _entry(text: str, clock: _Clock, *, is_whole: bool) -> Entry:
 
 
 def _logged(time_s: float, channel: str, ident: entries.Ident, body: str, *, is_rx: bool) -> Entry:
-    if ident[1] and ident[0] & _ERROR:
-        return entries.error_frame(time_s, channel, ident[0] & ~_ERROR)
     if remote := _REMOTE.fullmatch(body):
         return entries.frame(time_s, channel, ident, None, dlc=int(remote[1] or 0), is_rx=is_rx)
     fd = 0
@@ -143,13 +141,6 @@ def _logged(time_s: float, channel: str, ident: entries.Ident, body: str, *, is_
     data = bytes.fromhex(bare[1].replace(".", ""))
     entries.check_length(len(data), is_fd=bool(fd))
     return entries.frame(time_s, channel, ident, data, fd=fd, is_rx=is_rx)
-
-
-def _ident(digits: str) -> entries.Ident:
-    """Return the identifier. Its text has three digits, or eight digits for a 29-bit identifier."""
-    if len(digits) > 8:
-        raise ValueError(f"identifier {digits} must have at most 8 digits")
-    return int(digits, 16), len(digits) > 3
 
 
 @contextmanager

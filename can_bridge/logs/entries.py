@@ -115,19 +115,22 @@ def bytes_of(words: list[str], length: int, base: int = 16) -> bytes:
     return bytes(int(word, base) for word in there)
 
 
-Lines = Iterator[tuple[int, str]]
-"""The lines of a text log except empty lines: for each line its number, from 1, and its text with the line end."""
+class Lines:
+    """The lines of a text log except empty lines, with their line ends. `number` is the present line's number, from 1;
+    after the last line it is 0. Escape characters replace bytes that are invalid in the encoding. Headers and comments
+    may contain escape characters; readers reject a frame's line that contains an escape character."""
 
+    def __init__(self, file: Binary) -> None:
+        self.number, self._raw = 0, io.BufferedReader(cast(io.RawIOBase, file))
 
-def lines_of(file: Binary) -> Lines:
-    """Yield the lines of a text log. Escape characters replace bytes that are invalid in the encoding. Headers and
-    comments may contain escape characters; readers reject a frame's line that contains an escape character."""
-    raw = io.BufferedReader(cast(io.RawIOBase, file))
-    encoding = json.detect_encoding(raw.peek(4)[:4])
-    errors = "surrogateescape" if encoding.startswith("utf-8") else "replace"
-    for number, line in enumerate(io.TextIOWrapper(raw, encoding=encoding, errors=errors), 1):
-        if line.strip():
-            yield number, line
+    def __iter__(self) -> Iterator[str]:
+        encoding = json.detect_encoding(self._raw.peek(4)[:4])
+        errors = "surrogateescape" if encoding.startswith("utf-8") else "replace"
+        for line in io.TextIOWrapper(self._raw, encoding=encoding, errors=errors):
+            self.number += 1
+            if line.strip():
+                yield line
+        self.number = 0
 
 
 class NamedChannel(NamedTuple):

@@ -7,7 +7,6 @@ since the epoch, or in ASC since the beginning of the log.
 
 from collections import Counter
 from collections.abc import Collection, Iterator
-from contextlib import ExitStack
 from datetime import UTC, datetime, tzinfo
 from gzip import GzipFile
 from pathlib import Path
@@ -18,7 +17,7 @@ import can
 from can_bridge.logs.asc_log import read_asc
 from can_bridge.logs.blf_log import read_blf
 from can_bridge.logs.candump_log import read_candump
-from can_bridge.logs.entries import Binary, CutOffError, Entry, LogEvent, lines_of
+from can_bridge.logs.entries import Binary, CutOffError, Entry, Lines, LogEvent
 from can_bridge.logs.mcap_file import read_mcap
 from can_bridge.logs.mdf_file import read_mdf
 from can_bridge.logs.table_log import TABLE_COLUMNS, read_csv, read_db
@@ -89,51 +88,49 @@ class CanLog:
 
     def __iter__(self) -> Iterator[can.Message]:
         """Yield the messages in order. Damage, or a line that is neither message nor event, raises BusError there."""
-        with ExitStack() as stack:
-            try:
-                for entry in self._entries(stack):
-                    if isinstance(entry, LogEvent):
-                        self.events[entry.name] += entry.lines
-                        continue
-                    self.messages += 1
-                    channel = str(entry.channel)
-                    self.channels[channel] += 1
-                    if not abs(at := entry.timestamp) <= GREATEST_TIME_S:
-                        raise ValueError(f"frame {self.messages} is at {at} s: must be within {GREATEST_TIME_S:g} s")
-                    if not self._only or channel in self._only:
-                        yield entry
-            except BusError:
-                raise
-            except CutOffError as error:
-                raise BusError(f"{self.path}: is cut off: {error}") from error
-            except Exception as error:
-                raise BusError(f"{self.path}: cannot be read as a CAN log ({error or type(error).__name__})") from error
+        try:
+            for entry in self._entries():
+                if isinstance(entry, LogEvent):
+                    self.events[entry.name] += entry.lines
+                    continue
+                self.messages += 1
+                channel = str(entry.channel)
+                self.channels[channel] += 1
+                if not abs(at := entry.timestamp) <= GREATEST_TIME_S:
+                    raise ValueError(f"frame {self.messages} is at {at} s: must be within {GREATEST_TIME_S:g} s")
+                if not self._only or channel in self._only:
+                    yield entry
+        except BusError:
+            raise
+        except CutOffError as error:
+            raise BusError(f"{self.path}: is cut off: {error}") from error
+        except Exception as error:
+            raise BusError(f"{self.path}: cannot be read as a CAN log ({error or type(error).__name__})") from error
         if self._only and not self._only & set(self.channels):
             names = ", ".join(name or "a channel without a name" for name in sorted(self.channels)) or "none"
             raise BusError(f"{self.path}: --channel {', '.join(sorted(self._only))}: no such channel, only {names}")
 
-    def _entries(self, stack: ExitStack) -> Iterator[Entry]:
+    def _entries(self) -> Iterator[Entry]:
         suffix = suffix_of(self.path)
-        match suffix:
-            case ".mf4":
-                return read_mdf(self.path, self._since_epoch)
-            case ".mcap":
-                return read_mcap(self.path)
-            case ".db":
-                return read_db(self.path)
-        is_packed = self.path.suffix.lower() == PACKED
-        file: Binary = GzipFile(self.path) if is_packed else self.path.open("rb")
-        stack.enter_context(file)
-        match suffix:
-            case ".blf":
-                return read_blf(file, self._since_epoch)
-            case ".asc":
-                return read_asc(lines_of(file))
-            case ".trc":
-                return read_trc(lines_of(file), self._since_epoch)
-            case ".csv":
-                return read_csv(lines_of(file))
-        return read_candump(lines_of(file), self._since_epoch)
+        if suffix == ".mf4":
+            yield from read_mdf(self.path, self._since_epoch)
+            return
+        if suffix in _UNPACKED:
+            yield from (read_mcap if suffix == ".mcap" else read_db)(self.path)
+            return
+        file: Binary = GzipFile(self.path) if self.path.suffix.lower() == PACKED else self.path.open("rb")
+        with file:
+            if suffix == ".blf":
+                yield from read_blf(file, self._since_epoch)
+                return
+            lines = Lines(file)
+            try:
+                if suffix in (".asc", ".csv"):
+                    yield from (read_asc if suffix == ".asc" else read_csv)(lines)
+                else:
+                    yield from (read_trc if suffix == ".trc" else read_candump)(lines, self._since_epoch)
+            except (ValueError, OverflowError) as error:
+                raise ValueError(f"line {lines.number}: {error}" if lines.number else str(error)) from None
 
     def _since_epoch(self, start: datetime) -> float:
         self.is_local = True

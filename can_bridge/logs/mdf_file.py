@@ -33,8 +33,6 @@ _FIELDS: Final[Mapping[str, Mapping[str, str]]] = {
     _ERROR_FRAME: {"ErrorType": "u1"},
 }
 """Types of a record's fields, by the group's name and the field's name. The field BusChannel is not included."""
-_MOST_CHANNELS: Final = 255
-_NAMES: Final = {"CAN_OverloadFrame": "overload frame"}
 _EXTENDED: Final = 0x80000000
 _ERROR_TYPES: Final = {**dict.fromkeys((1, 2, 3, 4), entries.PROTOCOL), 5: entries.NO_ACK}
 """The error class of Linux for each error type of the standard (1 to 5: bit, form, stuff, CRC, acknowledgement)."""
@@ -85,7 +83,7 @@ def read_mdf(path: Path, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
                 groups.append(_frames(kind, columns, start_s))
             elif rows:
                 name = next((name.split(".")[0] for name in names if name.lower() not in ("t", "time")), "empty")
-                others.append(LogEvent(_NAMES.get(name, f"record of {name}"), rows))
+                others.append(LogEvent("overload frame" if name == "CAN_OverloadFrame" else f"record of {name}", rows))
         if not has_frames:
             counts = ", ".join(f"{one.name} {one.lines}" for one in others) or "nothing"
             raise BusError(f"{path}: has no CAN frames (groups {_DATA_FRAME} and others); it has {counts}")
@@ -148,9 +146,8 @@ def write_mdf(path: Path, messages: Sequence[can.Message], groups: Sequence[Chan
             records = [one for one in messages if _kind(one) == name]
             source = asammdf.Source(name, "CAN", "", asammdf.Source.SOURCE_BUS, asammdf.Source.BUS_TYPE_CAN)
             times = np.array([one.timestamp for one in records]) - start_s
-            samples = _records(name, records, channels)
             comment = ", ".join(f"channel {number}: {channel}" for channel, number in channels.items())
-            signal = asammdf.Signal(samples, times, name=name, source=source)
+            signal = asammdf.Signal(_records(name, records, channels), times, name=name, source=source)
             measurement.append(signal, acq_name="CAN", acq_source=source, comment=comment)
         for group in groups:
             signals = [_signal(asammdf, group, one, start_s) for one in group.channels]
@@ -169,8 +166,8 @@ def _numbers(messages: Sequence[can.Message]) -> dict[str, int]:
     """Number each channel by its name if that is below 256, else by a free number; raise BusError if none is free."""
     names = list(dict.fromkeys(str(one.channel or "") for one in messages))
     found = {name: int(name) for name in names if name.isdecimal() and int(name) < 256}
-    if len(names) > _MOST_CHANNELS:
-        raise BusError(f"ASAM MDF can number {_MOST_CHANNELS} channels, but the frames have {len(names)}")
+    if len(names) > 255:
+        raise BusError(f"ASAM MDF can number 255 channels, but the frames have {len(names)}")
     free = (number for number in range(1, 256) if number not in found.values())
     return {name: found[name] if name in found else next(free) for name in names}
 

@@ -18,22 +18,19 @@ TABLE_COLUMNS: Final = "timestamp,arbitration_id,extended,remote,error,dlc,data"
 
 
 def read_csv(lines: Lines) -> Iterator[Entry]:
-    """Yield the entries of the lines. Raises ValueError with the number of a line that is not a row of the table."""
-    for number, line in lines:
+    """Yield the entries of the lines. Raises ValueError for a line that is not a row of the table."""
+    for line in lines:
         text = line.strip()
-        try:
-            if number == 1:
-                if text != TABLE_COLUMNS:
-                    raise ValueError(f"{quoted(text, 60)} must be {TABLE_COLUMNS}, as python-can's logger writes it")
-                yield LogEvent(HEADER_LINE)
-                continue
-            values = text.split(",")
-            if len(values) != TABLE_COLUMNS.count(",") + 1:
-                raise ValueError(f"it has {len(values)} values: must have {TABLE_COLUMNS.count(',') + 1}")
-            flags, dlc = [bool(int(value)) for value in values[2:5]], int(values[5])
-            yield _entry(float(values[0]), int(values[1], 16), flags, dlc, base64.b64decode(values[6], validate=True))
-        except ValueError as error:
-            raise ValueError(f"line {number}: {error}") from None
+        if lines.number == 1:
+            if text != TABLE_COLUMNS:
+                raise ValueError(f"{quoted(text, 60)} must be {TABLE_COLUMNS}, as python-can's logger writes it")
+            yield LogEvent(HEADER_LINE)
+            continue
+        values = text.split(",")
+        if len(values) != TABLE_COLUMNS.count(",") + 1:
+            raise ValueError(f"it has {len(values)} values: must have {TABLE_COLUMNS.count(',') + 1}")
+        flags, dlc = [bool(int(value)) for value in values[2:5]], int(values[5])
+        yield _entry(float(values[0]), int(values[1], 16), flags, dlc, base64.b64decode(values[6], validate=True))
 
 
 def read_db(path: Path) -> Iterator[Entry]:

@@ -26,29 +26,26 @@ _FD: Final = {"FD": FD_FRAME, "FB": FD_FRAME | BRS, "FE": FD_FRAME | ESI, "BI": 
 
 
 def read_trc(lines: entries.Lines, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
-    """Yield the entries of the lines. Raises ValueError with the number of a line that is not in the file's format."""
+    """Yield the entries of the lines. Raises ValueError for a line that is not in the file's format."""
     columns, start_s = list(_COLUMNS["1.0"]), 0.0
-    for number, line in lines:
+    for line in lines:
         text = line.strip()
-        try:
-            if not text.startswith(";"):
-                yield _entry(text, columns, start_s, is_whole=line.endswith("\n"))
-                continue
-            name, _, value = text[1:].strip().partition("=")
-            match name.upper():
-                case "$FILEVERSION":
-                    columns = list(_COLUMNS.get(value, ""))
-                    if value not in _COLUMNS and value not in ("2.0", "2.1"):
-                        raise ValueError(f"version {quoted(value)} must be {', '.join(_COLUMNS)}, 2.0 or 2.1")
-                case "$STARTTIME":
-                    start_s = since_epoch(datetime(1899, 12, 30) + timedelta(days=float(value.replace(",", "."))))
-                case "$COLUMNS":
-                    columns = value.split(",")
-                    if not {"O", "I"} <= set(columns) or not {"l", "L"} & set(columns):
-                        raise ValueError(f"columns {quoted(value, 60)} must have O (time), I, and l or L (length)")
-            yield LogEvent(entries.HEADER_LINE if name.startswith("$") else entries.COMMENT)
-        except (ValueError, OverflowError) as error:
-            raise ValueError(f"line {number}: {error}") from None
+        if not text.startswith(";"):
+            yield _entry(text, columns, start_s, is_whole=line.endswith("\n"))
+            continue
+        name, _, value = text[1:].strip().partition("=")
+        match name.upper():
+            case "$FILEVERSION":
+                columns = list(_COLUMNS.get(value, ""))
+                if value not in _COLUMNS and value not in ("2.0", "2.1"):
+                    raise ValueError(f"version {quoted(value)} must be {', '.join(_COLUMNS)}, 2.0 or 2.1")
+            case "$STARTTIME":
+                start_s = since_epoch(datetime(1899, 12, 30) + timedelta(days=float(value.replace(",", "."))))
+            case "$COLUMNS":
+                columns = value.split(",")
+                if not {"O", "I"} <= set(columns) or not {"l", "L"} & set(columns):
+                    raise ValueError(f"columns {quoted(value, 60)} must have O (time), I, and l or L (length)")
+        yield LogEvent(entries.HEADER_LINE if name.startswith("$") else entries.COMMENT)
 
 
 def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> Entry:

@@ -1,6 +1,8 @@
-"""The PDX file (ISO 22901-1): an archive of diagnostic layers, bus parameters, a flash sequence and a catalogue."""
+"""The files for testers: the PDX file (ISO 22901-1), an archive of diagnostic layers, bus parameters, a flash sequence
+and a catalogue; and the rule by which a key is computed from a seed, for authors of a seed-and-key library."""
 
 import io
+import json
 import re
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -13,8 +15,8 @@ from xml.sax.saxutils import escape
 from can_bridge.flashing.state import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds import services
-from can_bridge.uds.fault_codes import CODES, J2012_FORMAT, Snapshot, in_letters
-from can_bridge.uds.fault_memory import AVAILABLE, FaultReport
+from can_bridge.uds.fault_memory import AVAILABLE, CODES, J2012_FORMAT, FaultReport, Snapshot, in_letters
+from can_bridge.uds.security import ANSWER_LENGTH, DELAY_NS, LABEL, MAX_ATTEMPTS, SEED_LENGTH, AccessKey
 from can_bridge.uds.services import POSITIVE, Did, Nrc, Permission, Routine, Service, Session
 from can_bridge.wire.messages import SENSORS, Mode, Reason
 from contract.config.diagnosis import CanId
@@ -92,13 +94,10 @@ def chart(name: str, semantic: str, states: Iterable[str]) -> str:
 
 DID_TYPES: Final[Mapping[Did, str]] = {
     Did.ACTIVE_SESSION: "session",
-    Did.SERIAL_NUMBER: "text",
-    Did.HARDWARE: "text",
-    Did.SOFTWARE_VERSION: "text",
+    **dict.fromkeys((Did.SERIAL_NUMBER, Did.HARDWARE, Did.SOFTWARE_VERSION), "text"),
     Did.DBC_SHA256: "bytes_32",
     Did.STORE: "bytes",
-    Did.KEY_LIST: "u32",
-    Did.CAPACITY: "u32",
+    **dict.fromkeys((Did.KEY_LIST, Did.CAPACITY), "u32"),
     Did.PERIOD_NS: "bytes_8",
     Did.CALIBRATION: "calibration",
     Did.CALIBRATION_LIMITS: "calibration_limits",
@@ -129,7 +128,15 @@ def described() -> Iterator[Described]:
         yield Described(f"session_{session.name}", Service.SESSION, (session,), answer=timing)
     yield Described("reset_hard", Service.RESET, (1,))
     yield Described("clear_faults", Service.CLEAR_FAULTS, request=(value("group", "u24"),))
-    for report, request, answer in _reports():
+    mask, available, faults = value("mask", "u8"), constant("available", AVAILABLE), value("faults", "faults")
+    code, record = (value("code", "code"), value("status", "u8")), (value("code", "code"), value("record", "u8"))
+    for report, request, answer in (
+        (FaultReport.COUNT, (mask,), (available, constant("form", J2012_FORMAT), value("count", "u16"))),
+        (FaultReport.BY_STATUS, (mask,), (available, faults)),
+        (FaultReport.SNAPSHOT, record, (*code, value("snapshots", "snapshots"))),
+        (FaultReport.EXTENDED, record, (*code, value("records", "extendeds"))),
+        (FaultReport.SUPPORTED, (), (available, faults)),
+    ):
         yield Described(f"faults_{report.name}", Service.REPORT_FAULTS, (report,), request, answer)
     for did, of in DID_TYPES.items():
         yield Described(f"read_{did.name}", Service.READ, (did,), answer=(value("value", of),))
@@ -158,23 +165,7 @@ def described() -> Iterator[Described]:
         yield Described(name, Service.FAULT_SETTING, (number,))
 
 
-def _reports() -> Iterator[tuple[FaultReport, tuple[str, ...], tuple[str, ...]]]:
-    mask, available, faults = value("mask", "u8"), constant("available", AVAILABLE), value("faults", "faults")
-    yield FaultReport.COUNT, (mask,), (available, constant("form", J2012_FORMAT), value("count", "u16"))
-    yield FaultReport.BY_STATUS, (mask,), (available, faults)
-    code, record = (value("code", "code"), value("status", "u8")), (value("code", "code"), value("record", "u8"))
-    yield FaultReport.SNAPSHOT, record, (*code, value("snapshots", "snapshots"))
-    yield FaultReport.EXTENDED, record, (*code, value("records", "extendeds"))
-    yield FaultReport.SUPPORTED, (), (available, faults)
-
-
-_SNAPSHOT_TYPES: Final = {
-    Snapshot.TIME_MS: ("u32",),
-    Snapshot.MODE_BEFORE: ("mode",),
-    Snapshot.MISSED: ("u16",),
-    Snapshot.OVERRUNS: ("u16",),
-    Snapshot.PRESSURES_CP: ("f32",) * SENSORS,
-}
+_SNAPSHOT_TYPES: Final = dict(zip(Snapshot, (["u32"], ["mode"], ["u16"], ["u16"], SENSORS * ["f32"]), strict=True))
 
 
 def pdx(bus: BusConfig, because: Mapping[Reason, str]) -> bytes:
@@ -221,8 +212,7 @@ def _filling(bus: BusConfig, because: Mapping[Reason, str]) -> dict[str, object]
 
 
 def _functional(used: CanId) -> str:
-    bits = 29 if used.is_extended else 11
-    values = {"Format": f"normal segmented {bits}-bit transmit with FC", "Id": used.number}
+    values = {"Format": f"normal segmented {29 if used.is_extended else 11}-bit transmit with FC", "Id": used.number}
     return "".join(
         f'<COMPARAM-REF ID-REF="CP_CanFuncReq{name}" DOCREF="ISO_15765_2" DOCTYPE="COMPARAM-SUBSET">'
         f"<SIMPLE-VALUE>{value}</SIMPLE-VALUE></COMPARAM-REF>"
@@ -267,3 +257,49 @@ def _states(one: Described) -> Iterator[str]:
 
 def _state(one: Session | Level) -> str:
     return f"{type(one).__name__}_{one.name}".lower()
+
+
+SEED_AND_KEY: Final = "seed_and_key.json"
+EXAMPLE: Final = bytes(range(16))
+"""The bytes of both the access key and the seed in each known answer. No ECU uses this access key."""
+_LIBRARY: Final = {
+    "function": "GenerateKeyEx",
+    "prototype": "int GenerateKeyEx(const unsigned char *seed, unsigned int seed_length, unsigned int level, "
+    "const char *variant, unsigned char *key, unsigned int key_capacity, unsigned int *key_length)",
+    "level": "number of the level below",
+    "variant": "not used: the library's maker keeps an access key for each ECU",
+    "returns": {"0": "key computed", "1": "key_capacity too small", "2": "level unknown", "4": "other error"},
+}
+"""The interface of the seed-and-key library that testers load. Tools for Windows expect a DLL with this function."""
+
+
+def seed_and_key() -> bytes:
+    """Return the rule by which a key is computed from a seed, as JSON; it contains no secret."""
+    example = AccessKey(EXAMPLE)
+    levels = [
+        {
+            "name": one.name.lower(),
+            "level": int(one),
+            "request_seed": f"27 {one:02X}",
+            "send_key": f"27 {one + 1:02X}",
+            "sessions": sorted(f"10 {session:02X}" for session in services.LEVELS[one].sessions),
+            "known_answer": dict.fromkeys(("access_key", "seed"), EXAMPLE.hex())
+            | {"key": example.answer(one, EXAMPLE).hex()},
+        }
+        for one in Level
+    ]
+    described = {
+        "algorithm": "AES-CMAC (RFC 4493) with keys of 128 bits",
+        "level_key": "AES-CMAC(access key, label followed by the level in one byte)",
+        "key": "AES-CMAC(level_key, seed)",
+        "label_hex": LABEL.hex(),
+        "access_key_bytes": len(EXAMPLE),
+        "seed_bytes": SEED_LENGTH,
+        "key_bytes": ANSWER_LENGTH,
+        "seed_of_zeros": "the level is unlocked already: send no key",
+        "attempts": MAX_ATTEMPTS,
+        "delay_s": DELAY_NS / 1e9,
+        "levels": levels,
+        "library": _LIBRARY,
+    }
+    return (json.dumps(described, indent=2) + "\n").encode()

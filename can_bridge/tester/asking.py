@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from can_bridge.flashing.state import Level
 from can_bridge.tester.messages import AccessError, NoAnswerError, RefusedError, in_good_state
-from can_bridge.uds.fault_codes import SNAPSHOT_FORMATS
+from can_bridge.uds.fault_memory import SNAPSHOT_FORMATS
 from can_bridge.uds.services import Did, Nrc, Routine, Session
 from contract.errors import FlashError
 
@@ -45,7 +45,7 @@ class Asking:
         self, client: "Client", *, key: KeyOf | None, clock: Callable[[], float], sleep: Callable[[float], None]
     ) -> None:
         """Configure the client; its connection must be open. `key` is needed to unlock a level. Times are in s."""
-        self._client, self._clock, self.sleep = client, clock, sleep
+        self._client, self.clock, self.sleep = client, clock, sleep
         self._began = clock()
         self.unanswered = 0
         self._has_answered = False
@@ -53,8 +53,7 @@ class Asking:
 
     def session(self, session: Session) -> None:
         """Begin a session; raises NotNowError if the vehicle's state forbids it."""
-        step = f"begin the {session.name.lower()} session"
-        self._in_good_state(step, lambda: self._client.change_session(session))
+        self._in_good_state(f"begin the {session.name.lower()} session", lambda: self._client.change_session(session))
 
     def read(self, did: Did, *, times: int = READ_TIMES) -> bytes:
         number = int(did)
@@ -83,7 +82,7 @@ class Asking:
     def unlock(self, level: Level) -> None:
         """Unlock a level; wait up to `DELAY_S` while the ECU accepts no key. Raises AccessError after wrong keys."""
         step = f"unlock {level.name.lower()}"
-        until = self._clock() + DELAY_S
+        until = self.clock() + DELAY_S
         had_late_answer = False
         while True:
             unanswered = self.unanswered
@@ -98,7 +97,7 @@ class Asking:
                     continue
                 if refused.code not in _NO_ACCESS:
                     raise
-                if refused.code != Nrc.DELAY_NOT_EXPIRED or self._clock() >= until:
+                if refused.code != Nrc.DELAY_NOT_EXPIRED or self.clock() >= until:
                     raise AccessError(_NO_ACCESS[refused.code].format(level=level.name.lower())) from refused
             # The delay is longer than S3. This message, which the ECU does not answer, keeps the session open.
             with self._client.suppress_positive_response:
@@ -141,12 +140,12 @@ class Asking:
 
     def wait_until_there(self, seconds: float, step: str) -> Session:
         """Wait for an ECU that is starting, and return its session. Raises NoAnswerError after `seconds`."""
-        until = self._clock() + seconds
+        until = self.clock() + seconds
         while True:
             try:
                 return Session(self.read(Did.ACTIVE_SESSION, times=1)[0])
             except (NoAnswerError, IndexError, ValueError):
-                if self._clock() >= until:
+                if self.clock() >= until:
                     raise NoAnswerError(step) from None
             self.sleep(BUSY_WAIT_S)
 
@@ -159,7 +158,7 @@ class Asking:
         from udsoncan import exceptions
 
         sent = 0
-        self._began = self._clock()
+        self._began = self.clock()
         while True:
             sent += 1
             try:
@@ -169,7 +168,7 @@ class Asking:
             except exceptions.NegativeResponseException as error:
                 self._has_answered = True
                 code = int(error.response.code or 0)
-                if code != Nrc.BUSY_REPEAT_REQUEST or self._clock() - self._began > LONGEST_PENDING_S:
+                if code != Nrc.BUSY_REPEAT_REQUEST or self.clock() - self._began > LONGEST_PENDING_S:
                     raise RefusedError(step, code) from None
                 sent -= 1
                 self.sleep(BUSY_WAIT_S)
@@ -185,7 +184,7 @@ class Asking:
     def _pending(self) -> None:
         from udsoncan.exceptions import TimeoutException
 
-        if self._clock() - self._began > LONGEST_PENDING_S:
+        if self.clock() - self._began > LONGEST_PENDING_S:
             raise TimeoutException
 
 

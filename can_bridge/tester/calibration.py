@@ -1,17 +1,14 @@
 """The steps of an ECU's calibration through UDS, with a connected client: read, change, read back, store."""
 
 from dataclasses import dataclass
-from typing import Final
 
 from can_bridge.flashing.state import Level
 from can_bridge.tester.asking import Asking
 from can_bridge.tester.messages import in_good_state, refusal_means
+from can_bridge.uds.calibration_service import REVERT, STORE
 from can_bridge.uds.services import Did, Nrc, Session
 from contract.controller.calibration import PACKED_BYTES, Calibration, CalibrationLimits
 from contract.errors import ConfigError, FlashError
-
-_STORE: Final = b"\x01"
-_REVERT: Final = b"\x00"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +27,7 @@ def read(asking: Asking) -> Calibrated:
     missing = FlashError("the ECU has no calibration: no release runs in it; flash a release")
     with refusal_means(Nrc.OUT_OF_RANGE, missing):
         in_force, of_release = asking.read(Did.CALIBRATION), asking.read(Did.CALIBRATION_LIMITS)
-        is_stored = asking.read(Did.CALIBRATION_STORED) == _STORE
+        is_stored = asking.read(Did.CALIBRATION_STORED) == STORE
     try:
         if len(of_release) != 3 * PACKED_BYTES:
             raise ConfigError(f"its limits have {len(of_release)} bytes: must have {3 * PACKED_BYTES}")
@@ -58,12 +55,12 @@ def write(asking: Asking, wanted: Calibration) -> None:
 
 def store(asking: Asking) -> None:
     """Store the values in force in non-volatile memory, after `unlock`. Raises NotNowError while jets are enabled."""
-    _keep(asking, _STORE, "store the calibration")
+    _keep(asking, STORE, "store the calibration")
 
 
 def revert(asking: Asking, release: Calibration) -> None:
     """Put the release's values in force and delete stored values, after `unlock`. Raises NotNowError like `store`."""
-    _keep(asking, _REVERT, "drop the stored calibration")
+    _keep(asking, REVERT, "drop the stored calibration")
     _check_in_force(asking, release.pack())
 
 
@@ -73,8 +70,7 @@ def _keep(asking: Asking, value: bytes, step: str) -> None:
 
 
 def _check_in_force(asking: Asking, wanted: bytes) -> None:
-    found = asking.read(Did.CALIBRATION)
-    if found != wanted:
+    if asking.read(Did.CALIBRATION) != wanted:
         raise FlashError(
             "the ECU's values differ from the written values: end another tool that calibrates the ECU, and try again"
         )

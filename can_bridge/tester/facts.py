@@ -8,8 +8,7 @@ from can_bridge.flashing import report
 from can_bridge.flashing.report import StoreReport
 from can_bridge.tester.asking import Asking
 from can_bridge.tester.messages import WrongReleaseError
-from can_bridge.uds.fault_codes import REASON_BY_CODE, Snapshot
-from can_bridge.uds.fault_memory import Status
+from can_bridge.uds.fault_memory import REASON_BY_CODE, Snapshot, Status
 from can_bridge.uds.services import Did
 from can_bridge.wire.messages import Mode, Reason
 from contract.errors import FlashError

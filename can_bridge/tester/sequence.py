@@ -1,22 +1,21 @@
-"""The steps that flash an ECU through an open udsoncan client, on real buses and in virtual time.
+"""The steps that flash an ECU, on real buses and in virtual time.
 
-This module prints nothing; its clock and its `sleep` are arguments. After any interruption the ECU still has its old
-release. If `flash` is called again, it continues from the state of the ECU: with an image that is partly transferred or
-not yet activated, or with a release on trial.
+After any interruption the ECU still has its old release. If `Flashing.run` is called again, it continues from the state
+of the ECU: with an image that is partly transferred or not yet activated, or with a release on trial.
 """
 
-import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum, auto
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from can_bridge.flashing.report import SlotReport, StoreReport
 from can_bridge.flashing.state import SlotPhase
 from can_bridge.tester import transfer
-from can_bridge.tester.asking import Asking, KeyOf
+from can_bridge.tester.asking import Asking
 from can_bridge.tester.facts import EcuFacts, read_facts, read_store
 from can_bridge.tester.messages import NoAnswerError, NotNowError, NotPassedError, RefusedError
 from can_bridge.tester.transfer import OnProgress, Transfer, enter_programming, in_programming, in_session
@@ -25,9 +24,6 @@ from contract.errors import FlashError, StillwakeError
 from contract.release import controller_image
 from contract.release.container import files_of
 from contract.release.manifest import MANIFEST, open_manifest
-
-if TYPE_CHECKING:
-    from udsoncan.client import Client
 
 RESTART_S: Final = 30.0
 """Longest wait in s for an ECU after a reset."""
@@ -52,48 +48,18 @@ class End(Enum):
     CONFIRMED = auto()
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Flashed:
-    """The report on one run of `flash`. `resumed_from` is the number of bytes that the ECU had before the transfer,
+    """The report on one run of `Flashing`. `resumed_from` is the number of bytes that the ECU had before the transfer,
     None without a transfer; `attempts` counts announcements, `unanswered` requests repeated for want of an answer."""
 
     end: End
     before: EcuFacts
     after: StoreReport
-    resumed_from: int | None = None
-    attempts: int = 0
-    unanswered: int = 0
-    seconds: float = 0.0
-
-
-def flash(
-    client: "Client",
-    image: bytes,
-    *,
-    key: KeyOf | None,
-    dry_run: bool = False,
-    confirm: bool = True,
-    judge: Callable[[EcuFacts], None] = lambda facts: None,
-    progress: OnProgress = lambda received, length: None,
-    on_step: Callable[[Step], None] = lambda step: None,
-    clock: Callable[[], float] = time.monotonic,
-    sleep: Callable[[float], None] = time.sleep,
-) -> Flashed:
-    """Transfer an image to an ECU, start it, test it and confirm it. Raises a FlashError of
-    `can_bridge.tester.messages`; BusError if the bus failed.
-
-    Args:
-        client: client with an open connection; this function changes its settings.
-        image: image of the release, as built by `contract.release.container`.
-        key: function that returns the key for a seed of the programming level; may be None for a dry run.
-        dry_run: whether to stop before anything is written.
-        confirm: whether to confirm the release; otherwise it stays on trial.
-        judge: function of the ECU's properties that raises FlashError if this ECU must not get this image.
-    """
-    began = clock()
-    asking = Asking(client, key=key, clock=clock, sleep=sleep)
-    done = _Flashing(asking, image, digest_of(image), dry_run, confirm, judge, progress, on_step).run()
-    return replace(done, unanswered=asking.unanswered, seconds=clock() - began)
+    resumed_from: int | None
+    attempts: int
+    unanswered: int
+    seconds: float
 
 
 def reset_and_wait(asking: Asking) -> None:
@@ -110,18 +76,29 @@ def reset_and_wait(asking: Asking) -> None:
 
 
 @dataclass(frozen=True)
-class _Flashing:
+class Flashing:
+    """The steps that bring a release to an ECU.
+
+    Attributes:
+        image: image of the release, as built by `contract.release.container`.
+        dry_run: whether to stop before anything is written; this needs no key.
+        confirm: whether to confirm the release; otherwise it stays on trial.
+        judge: function of the ECU's properties that raises FlashError if this ECU must not get this image.
+    """
+
     asking: Asking
     image: bytes
-    digest: str
-    dry_run: bool
-    confirm: bool
-    judge: Callable[[EcuFacts], None]
-    progress: OnProgress
-    on_step: Callable[[Step], None]
+    dry_run: bool = False
+    confirm: bool = True
+    judge: Callable[[EcuFacts], None] = lambda facts: None
+    progress: OnProgress = lambda received, length: None
+    on_step: Callable[[Step], None] = lambda step: None
 
     def run(self) -> Flashed:
+        """Transfer the image to the ECU, start it, test it and confirm it. Raises a FlashError of
+        `can_bridge.tester.messages`; BusError if the bus failed."""
         asking, attempts = self.asking, 0
+        began = asking.clock()
         resumed_from: int | None = None
         self.on_step(Step.IDENTIFY)
         asking.wait_until_there(THERE_S, "report its session")
@@ -130,7 +107,7 @@ class _Flashing:
 
         def ended(end: End) -> Flashed:
             asking.session(Session.DEFAULT)
-            return Flashed(end=end, before=before, after=after, resumed_from=resumed_from, attempts=attempts)
+            return Flashed(end, before, after, resumed_from, attempts, asking.unanswered, asking.clock() - began)
 
         if self._is_ours(after.running_slot) and after.running == after.active:
             return ended(End.ALREADY)
@@ -222,16 +199,16 @@ class _Flashing:
         return read_store(self.asking)
 
     def _is_ours(self, slot: SlotReport | None) -> bool:
-        return slot is not None and slot.digest == self.digest != ""
+        return slot is not None and slot.digest == self._digest != ""
 
-
-def digest_of(image: bytes) -> str:
-    """Return the digest of an image's release; empty for an invalid image, so that the ECU can give its own verdict."""
-    with suppress(StillwakeError):
-        return controller_image.read(image).digest
-    with suppress(KeyError, StillwakeError):
-        return open_manifest(Path("image"), files_of(image)[MANIFEST]).digest
-    return ""
+    @cached_property
+    def _digest(self) -> str:
+        """The digest of the image's release; empty for an invalid image, so that the ECU can give its own verdict."""
+        with suppress(StillwakeError):
+            return controller_image.read(self.image).digest
+        with suppress(KeyError, StillwakeError):
+            return open_manifest(Path("image"), files_of(self.image)[MANIFEST]).digest
+        return ""
 
 
 def _runs(store: StoreReport) -> str:

@@ -6,7 +6,7 @@ awaited. Late or repeated responses to an earlier request are dropped.
 
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, Final
 
@@ -17,14 +17,13 @@ from udsoncan.exceptions import TimeoutException
 import isotp
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.isotp.control_info import PADDING
-from can_bridge.uds.fault_codes import CODE_BYTES
-from can_bridge.uds.fault_memory import FaultReport
+from can_bridge.uds.fault_memory import CODE_BYTES, FaultReport
 from can_bridge.uds.services import MAX_REQUEST, NEGATIVE, POSITIVE, Service
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 
-_SAME: Final = {
+_SAME: Final[Mapping[int, slice]] = {
     **dict.fromkeys((Service.SESSION, Service.RESET, Service.REPORT_FAULTS, Service.SECURITY), slice(1, 2)),
     **dict.fromkeys((Service.COMMUNICATION, Service.TRANSFER, Service.TESTER_PRESENT), slice(1, 2)),
     **dict.fromkeys((Service.READ, Service.WRITE), slice(1, 3)),
@@ -39,7 +38,7 @@ def answers(request: bytes, response: bytes) -> bool:
         return False
     if response[0] == NEGATIVE:
         return len(response) >= 3 and response[1] == request[0]
-    same = _SAME.get(Service(request[0])) if request[0] in Service.__members__.values() else None
+    same = _SAME.get(request[0])
     if request[0] == Service.REPORT_FAULTS and request[1] in (FaultReport.SNAPSHOT, FaultReport.EXTENDED):
         same = slice(1, 2 + CODE_BYTES)  # the trouble code, too
     return response[0] == request[0] + POSITIVE and (same is None or request[same] == response[same])
@@ -81,7 +80,7 @@ class BusConnection(BaseConnection):
         mode = isotp.AddressingMode.Normal_29bits if request.is_extended else isotp.AddressingMode.Normal_11bits
         self._bus = bus
         self._request = b""
-        self._is_open = self._failed = False
+        self._failed = False
         self._layer: Any = isotp.TransportLayerLogic(
             rxfn=self._receive_frame,
             txfn=self._send_frame,
@@ -103,14 +102,12 @@ class BusConnection(BaseConnection):
         )
 
     def open(self) -> "BusConnection":
-        self._is_open = True
         return self
 
-    def close(self) -> None:
-        self._is_open = False
+    def close(self) -> None: ...
 
     def is_open(self) -> bool:
-        return self._is_open
+        return True
 
     def empty_rxqueue(self) -> None:
         self._bus.receive_all()

@@ -5,7 +5,6 @@ Stored values are used only with the release for which they were stored, and onl
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Final
 
 from can_bridge.calibration.segment import Page, Segment
 from can_bridge.flashing.backing import MediumError
@@ -14,8 +13,8 @@ from can_bridge.uds.services import Did, Nrc, Refused
 from contract.controller.calibration import PACKED_BYTES, Calibration
 from contract.errors import ConfigError, KeyFileError
 
-_REVERT: Final = b"\x00"
-_STORE: Final = b"\x01"
+REVERT, STORE = b"\x00", b"\x01"
+"""Values of `Did.CALIBRATION_STORED`."""
 
 
 class CalibrationService:
@@ -49,9 +48,12 @@ class CalibrationService:
             return error
         return None
 
-    def store(self, calibration: Calibration) -> None:
-        """Store values that are or were in force; raises Refused if they cannot be stored now."""
-        self._keep_if_allowed(calibration.pack())
+    def store(self, calibration: Calibration | None) -> None:
+        """Store values that are or were in force, or delete the stored values; raises Refused if not possible now."""
+        if (code := self._refusal()) is not None:
+            raise Refused(code)
+        with as_refusals():
+            self._keep(None if calibration is None else calibration.pack())
 
     def read(self, did: Did) -> bytes:
         """Return the value of an identifier; raises Refused for an identifier that is not of the calibration."""
@@ -62,7 +64,7 @@ class CalibrationService:
             release = segment.read(Page.REFERENCE, 0, PACKED_BYTES)
             return segment.limits.least.pack() + segment.limits.greatest.pack() + release
         if did is Did.CALIBRATION_STORED:
-            return _REVERT if self._kept() is None else _STORE
+            return REVERT if self._kept() is None else STORE
         raise Refused(Nrc.OUT_OF_RANGE)
 
     def write(self, did: Did, value: bytes) -> None:
@@ -70,20 +72,14 @@ class CalibrationService:
         if did is Did.CALIBRATION:
             with as_refusals():
                 self._segment.set(Calibration.unpack(value))
-        elif did is Did.CALIBRATION_STORED and value == _STORE:
+        elif did is Did.CALIBRATION_STORED and value == STORE:
             self.store(self._segment.in_force)
-        elif did is Did.CALIBRATION_STORED and value == _REVERT:
+        elif did is Did.CALIBRATION_STORED and value == REVERT:
             if self._kept() is not None:
-                self._keep_if_allowed(None)
+                self.store(None)
             self._segment.revert()
         else:
             raise Refused(Nrc.OUT_OF_RANGE)
-
-    def _keep_if_allowed(self, raw: bytes | None) -> None:
-        if (code := self._refusal()) is not None:
-            raise Refused(code)
-        with as_refusals():
-            self._keep(raw)
 
 
 @contextmanager

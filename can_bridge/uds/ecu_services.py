@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 from itertools import repeat
 from typing import Final
 
+from can_bridge.flashing import report
 from can_bridge.flashing.backing import Long
-from can_bridge.flashing.report import encode, report_of
 from can_bridge.flashing.state import Level, SlotPhase
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
@@ -38,6 +38,7 @@ class EcuServices:
         calibration: service for the calibration; None without a release.
         self_test: runs the release on test windows; raises StillwakeError if the test fails. None without a release.
         refusal: returns the reason why the ECU may not be programmed now, or None.
+        on_reset: resets the ECU; called after the request was answered.
         log: called with an event's name, its text, and its fields.
 
     Attributes:
@@ -57,7 +58,7 @@ class EcuServices:
     ) -> None:
         self._store = store
         self._identification, self._calibration, self._self_test = identification, calibration, self_test
-        self._refusal, self._on_reset, self._log = refusal, on_reset, log
+        self._refusal, self.reset, self._log = refusal, on_reset, log
         self._announced_length = 0
         self.is_updating = False
         self._has_passed = self._has_confirmed = False
@@ -72,7 +73,7 @@ class EcuServices:
         self._store.drop()
         if self.is_updating:
             # The reset starts the old release. Without the reset, the jets would stay shut until the next power-on.
-            self._on_reset()
+            self.reset()
 
     def read(self, did: Did) -> bytes:
         """Return the value of an identifier; raises OUT_OF_RANGE if the identifier has no value."""
@@ -81,7 +82,7 @@ class EcuServices:
         if did is Did.KEY_LIST:
             return (self._store.keys.version if self._store.keys else 0).to_bytes(4, "big")
         if did is Did.STORE:
-            return encode(report_of(self._store))
+            return report.encode(self._store)
         if did in self._identification:
             return self._identification[did]
         return self._of_release().read(did)
@@ -101,22 +102,21 @@ class EcuServices:
         self._taken_keys = value
 
     def routine(self, routine: Routine, option: bytes) -> Long[bytes]:
-        status = yield from self._run(routine, option)
-        if routine is Routine.CHECK:
-            verdict = Verdict(status[0])
-            self._log("checked", f"the written release: {verdict.in_words}", verdict=verdict.name)
-        elif routine in _DONE:
-            self._log(*_DONE[routine])
-        return status
-
-    def _run(self, routine: Routine, option: bytes) -> Long[bytes]:
+        status = b""
         with as_refusals():
             if routine is Routine.PRECONDITIONS:
                 self._check_preconditions()
             elif routine is Routine.ERASE:
-                return (yield from self._announce(int.from_bytes(option[:4], "big"), option[4:]))
+                self._check_preconditions()
+                self.is_updating, self._has_passed, self._has_confirmed = True, False, False
+                length = int.from_bytes(option[:4], "big")
+                offset = yield from self._store.announce(length, option[4:])
+                self._announced_length = length
+                status = offset.to_bytes(4, "big")
             elif routine is Routine.CHECK:
-                return bytes([(yield from self._store.finish())])
+                verdict = yield from self._store.finish()
+                status = bytes([verdict])
+                self._log("checked", f"the written release: {verdict.in_words}", verdict=verdict.name)
             elif routine is Routine.ACTIVATE:
                 self._store.activate()
             elif routine is Routine.SELF_TEST:
@@ -124,8 +124,13 @@ class EcuServices:
             elif routine is Routine.CONFIRM:
                 self._confirm()
             elif routine is Routine.REVERT:
-                yield from self._revert()
-        return b""
+                self._check_preconditions()
+                verdict = yield from self._store.revert()
+                if verdict != Verdict.GOOD:
+                    raise Refused(Nrc.CONDITIONS_NOT_CORRECT, f"the previous release: {verdict.in_words}")
+        if routine in _DONE:
+            self._log(*_DONE[routine])
+        return status
 
     def download(self, offset: int, length: int) -> None:
         """Expect `length` bytes of the announced image, beginning at byte `offset`."""
@@ -153,10 +158,6 @@ class EcuServices:
         if not self.is_updating:
             self._check_preconditions()
 
-    def reset(self) -> None:
-        """Reset the ECU; called after the request was answered."""
-        self._on_reset()
-
     def _of_release(self) -> CalibrationService:
         if self._calibration is None:
             raise Refused(Nrc.OUT_OF_RANGE)
@@ -165,13 +166,6 @@ class EcuServices:
     def _check_preconditions(self) -> None:
         if (code := self._refusal()) is not None:
             raise Refused(code)
-
-    def _announce(self, length: int, sha256: bytes) -> Long[bytes]:
-        self._check_preconditions()
-        self.is_updating, self._has_passed, self._has_confirmed = True, False, False
-        offset = yield from self._store.announce(length, sha256)
-        self._announced_length = length
-        return offset.to_bytes(4, "big")
 
     def _run_self_test(self) -> Long[None]:
         self._has_passed = False
@@ -195,9 +189,3 @@ class EcuServices:
         elif not self._has_confirmed:
             # A tester that confirms now assumes that the release that it sent is running, but no release runs on trial.
             raise Refused(Nrc.SEQUENCE_ERROR, "no release runs on trial")
-
-    def _revert(self) -> Long[None]:
-        self._check_preconditions()
-        verdict = yield from self._store.revert()
-        if verdict != Verdict.GOOD:
-            raise Refused(Nrc.CONDITIONS_NOT_CORRECT, f"the previous release: {verdict.in_words}")

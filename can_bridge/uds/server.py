@@ -13,8 +13,7 @@ from can_bridge.flashing.backing import Long
 from can_bridge.flashing.state import Level
 from can_bridge.uds import services
 from can_bridge.uds.ecu_services import EcuServices
-from can_bridge.uds.fault_codes import CODE_BYTES
-from can_bridge.uds.fault_memory import LENGTHS, FaultMemory, FaultReport, cleared, report
+from can_bridge.uds.fault_memory import CODE_BYTES, LENGTHS, FaultMemory, FaultReport, cleared, report
 from can_bridge.uds.security import ANSWER_LENGTH, AccessKey, SecurityAccess
 from can_bridge.uds.services import MAX_BLOCK, SERVICES, Did, Nrc, Permission, Refused, Routine, Service, Session
 from can_bridge.uds.under_way import Download, Job, negative
@@ -53,7 +52,6 @@ class UdsServer:
 
     Args:
         random_bytes: returns the given number of unpredictable bytes, for seeds.
-        faults: fault memory; None for a memory whose faults do not survive a reset.
 
     Attributes:
         is_silent: whether a tester has switched off JetCommand and EcuStatus; only possible while no jet can run.
@@ -64,11 +62,9 @@ class UdsServer:
         diagnostics: EcuServices,
         key: AccessKey,
         random_bytes: Callable[[int], bytes],
-        *,
-        faults: FaultMemory | None = None,
+        faults: FaultMemory,
     ) -> None:
-        self._diagnostics = diagnostics
-        self._faults = FaultMemory() if faults is None else faults
+        self._diagnostics, self._faults = diagnostics, faults
         self.is_silent = False
         self._security = SecurityAccess(key, random_bytes, diagnostics)
         self.session = Session.DEFAULT
@@ -147,8 +143,7 @@ class UdsServer:
         return answers
 
     def _end_silent_session(self, now_ns: int) -> None:
-        is_over = self.session is not Session.DEFAULT and now_ns - self._heard_ns >= _S3_NS
-        if self._job is None and is_over:
+        if self._job is None and self.session is not Session.DEFAULT and now_ns - self._heard_ns >= _S3_NS:
             self._change_session(now_ns, Session.DEFAULT)
 
     def _change_session(self, now_ns: int, session: Session) -> None:
@@ -257,22 +252,14 @@ class UdsServer:
     def _on_write(self, body: bytes) -> bytes:
         _check_length(len(body) > 2)
         number, value = int.from_bytes(body[:2], "big"), body[2:]
-        permission = services.WRITABLE.get(number)
-        if permission is None or self.session not in permission.sessions:
-            raise Refused(Nrc.OUT_OF_RANGE)
-        self._check_unlocked(permission)
-        _check_length(permission.length in (None, len(value)))
+        self._check_permission(services.WRITABLE.get(number), len(value))
         self._diagnostics.write(Did(number), value)
         return body[:2]
 
     def _on_routine(self, body: bytes) -> Long[bytes]:
         _check_length(len(body) >= 3)
         number, option = int.from_bytes(body[1:3], "big"), body[3:]
-        permission = services.ROUTINES.get(number)
-        if permission is None or self.session not in permission.sessions:
-            raise Refused(Nrc.OUT_OF_RANGE)
-        self._check_unlocked(permission)
-        _check_length(permission.length in (None, len(option)))
+        self._check_permission(services.ROUTINES.get(number), len(option))
         routine = Routine(number)
         if routine is Routine.ERASE:
             self._transfer = None
@@ -289,7 +276,8 @@ class UdsServer:
         if under_way is None or under_way.is_closed:
             self._diagnostics.download(offset, length)
             self._transfer = Download(offset, length)
-        elif under_way.has_begun or (under_way.offset, under_way.length) != (offset, length):
+        elif (under_way.offset, under_way.length, under_way.missing) != (offset, length, length):
+            # Another download was requested, or blocks of this one have come.
             raise Refused(Nrc.CONDITIONS_NOT_CORRECT)
         return bytes([_TWO_BYTES]) + MAX_BLOCK.to_bytes(2, "big")
 
@@ -315,6 +303,12 @@ class UdsServer:
         # The bytes are not checked here: the routine CHECK compares them with the announced hash.
         self._transfer.is_closed = True
         return b""
+
+    def _check_permission(self, permission: Permission | None, length: int) -> None:
+        if permission is None or self.session not in permission.sessions:
+            raise Refused(Nrc.OUT_OF_RANGE)
+        self._check_unlocked(permission)
+        _check_length(permission.length in (None, length))
 
     def _check_unlocked(self, permission: Permission) -> None:
         if permission.level is not None and self.unlocked is not permission.level:

@@ -136,7 +136,6 @@ class Refused(Exception):  # noqa: N818  (a negative response is an answer, not 
         self.code = code
 
 
-_ALL: Final = frozenset(Session)
 _BEYOND_DEFAULT: Final = frozenset({Session.PROGRAMMING, Session.EXTENDED})
 _PROGRAMMING: Final = frozenset({Session.PROGRAMMING})
 _EXTENDED: Final = frozenset({Session.EXTENDED})
@@ -147,7 +146,7 @@ class Permission:
     """The conditions for a request: its sessions, the security level that must be unlocked, and the length in bytes of
     the value or option record; None for any length."""
 
-    sessions: frozenset[Session] = _ALL
+    sessions: frozenset[Session] = frozenset(Session)
     level: Level | None = None
     length: int | None = None
 

@@ -1,14 +1,11 @@
 """The request being processed, and a download (ISO 14229-1 and -2)."""
 
 from collections.abc import Collection
-from typing import Final
 
 from can_bridge.flashing.backing import Long
 from can_bridge.uds.services import NEGATIVE, P2_EXTENDED_MS, P2_MS, POSITIVE, Nrc, Refused
 
-_MS: Final = 1_000_000
-_FIRST_NS: Final = P2_MS * _MS // 2
-_NEXT_NS: Final = P2_EXTENDED_MS * _MS // 2
+_FIRST_NS, _NEXT_NS = P2_MS * 500_000, P2_EXTENDED_MS * 500_000
 """Times after which a response-pending is sent: half of P2 and half of P2*, so that its last bit is sent in time."""
 
 
@@ -60,10 +57,6 @@ class Download:
         self._expected = 1
         self._last: tuple[int, bytes] | None = None
         self.is_closed = False
-
-    @property
-    def has_begun(self) -> bool:
-        return self._last is not None
 
     def is_new(self, counter: int, data: bytes) -> bool:
         """Return whether to write this block; False if it repeats the last block. Raises Refused for a wrong block."""

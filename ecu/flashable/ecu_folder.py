@@ -72,7 +72,7 @@ def provision(
     public = signing.read_public_key(root)
     identity = {"schema": _SCHEMA, "hardware": _name(hardware, "hardware"), "serial": _name(serial, "serial")}
     with replacing(folder) as temporary:
-        Store.provision(FolderBacking(temporary), root=public, keys=keys, image=image, hardware=hardware, fits=fits)
+        Store(FolderBacking(temporary), root=public, hardware=hardware, fits=fits).provision(keys, image)
         copyfile(root, temporary / _ROOT)
         (temporary / IDENTITY).write_bytes(strict_json.encode(identity))
     return read_folder(folder)

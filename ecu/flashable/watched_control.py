@@ -6,8 +6,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from can_bridge.uds.fault_codes import CODES
-from can_bridge.uds.fault_memory import FaultMemory
+from can_bridge.uds.fault_memory import CODES, FaultMemory
 from can_bridge.uds.services import Nrc
 from can_bridge.wire.messages import COUNT_LIMIT, SENSORS, Reason
 from ecu.ecu_state import EcuState

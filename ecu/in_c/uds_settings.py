@@ -9,7 +9,7 @@ from can_bridge.calibration import daq, xcp, xcp_slave
 from can_bridge.calibration.segment import ADDRESS
 from can_bridge.flashing.state import Level
 from can_bridge.isotp import endpoint
-from can_bridge.uds import fault_codes, fault_memory, security, server, services
+from can_bridge.uds import fault_memory, security, server, services
 from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
 from contract.config.vehicle import BusConfig
 from contract.controller.c_folder import generated_header
@@ -45,11 +45,11 @@ def uds_settings() -> bytes:
         "ISOTP_KEPT": endpoint.KEPT_PLACES,
         "ISOTP_WAITS": _ISOTP.max_waits,
         "MOST_FRAMES": MOST_FRAMES,
-        "FAULT_COUNT": len(fault_codes.CODES),
+        "FAULT_COUNT": len(fault_memory.CODES),
         "FAULTS_AVAILABLE": fault_memory.AVAILABLE,
-        "FAULTS_FORMAT": fault_codes.J2012_FORMAT,
+        "FAULTS_FORMAT": fault_memory.J2012_FORMAT,
         "AGED_CYCLES": fault_memory.AGED_CYCLES,
-        "SNAPSHOT_BYTES": fault_codes.SNAPSHOT_BYTES,
+        "SNAPSHOT_BYTES": fault_memory.SNAPSHOT_BYTES,
         **_of_xcp(),
         **{f"{kind}_{item.name}": item.value for kind, items in _NUMBERED.items() for item in items},
     }
@@ -59,8 +59,8 @@ def uds_settings() -> bytes:
         "ISOTP_WAIT_NS": f"INT64_C({_ISOTP.wait_ns})",
         "ACCESS_DELAY_NS": f"INT64_C({security.DELAY_NS})",
         "REMEMBERED_NS": f"INT64_C({REMEMBERED_NS})",
-        "FAULT_CODES": _pairs(fault_codes.CODES),
-        "SNAPSHOT_PARTS": _pairs({one: calcsize(form) for one, form in fault_codes.SNAPSHOT_FORMATS.items()}),
+        "FAULT_CODES": _pairs(fault_memory.CODES),
+        "SNAPSHOT_PARTS": _pairs({one: calcsize(form) for one, form in fault_memory.SNAPSHOT_FORMATS.items()}),
         # Each row has the number, the least length in bytes, and whether a key is needed.
         "XCP_COMMANDS": "{" + ", ".join(commands) + "}",
         "XCP_IDLE_NS": f"INT64_C({xcp_slave.IDLE_NS})",

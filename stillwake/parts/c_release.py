@@ -58,8 +58,7 @@ def descriptions(release: Bundle, config: Config) -> dict[str, bytes]:
     calibration and its diagnosis. Raises BundleError if the release is for another vehicle."""
     from can_bridge.calibration.a2l import a2l_text
     from can_bridge.calibration.segment import Segment
-    from can_bridge.odx.pdx import pdx
-    from can_bridge.odx.seed_and_key import SEED_AND_KEY, seed_and_key
+    from can_bridge.odx.pdx import SEED_AND_KEY, pdx, seed_and_key
     from ecu.calibrating import limits_of, release_calibration
     from ecu.fit import check_vehicle
     from firmware_sim.runs.reasons import BECAUSE

@@ -92,8 +92,8 @@ def _asked(config: Config, *, clear: bool) -> "tuple[dict[str, str | int], Store
 
 def _from_folder(slots: Path) -> "tuple[dict[str, str | int], StoreReport]":
     """Read the contents of an ECU's folder; nothing is booted and nothing is written."""
+    from can_bridge.flashing import report
     from can_bridge.flashing.folder_backing import FolderBacking
-    from can_bridge.flashing.report import report_of
     from can_bridge.flashing.store import Store
     from can_bridge.flashing.verdicts import Verdict
     from ecu.flashable.ecu_folder import read_folder
@@ -103,7 +103,7 @@ def _from_folder(slots: Path) -> "tuple[dict[str, str | int], StoreReport]":
     store = Store(backing, root=folder.root, hardware=folder.hardware, fits=fits)
     found: dict[str, str | int] = {"serial_number": folder.serial, "hardware": folder.hardware}
     found |= {"root_key": folder.root.fingerprint, "capacity": store.backing.capacity}
-    return found, report_of(store)
+    return found, report.decode(report.encode(store))
 
 
 def _rows(report: "StoreReport") -> list[tuple[str, str]]:
@@ -132,7 +132,7 @@ def _rows(report: "StoreReport") -> list[tuple[str, str]]:
 
 
 def _table(found: "list[StoredFault]") -> Table:
-    from can_bridge.uds.fault_codes import in_letters
+    from can_bridge.uds.fault_memory import in_letters
     from firmware_sim.runs.reasons import BECAUSE
 
     heads = ("code", "found when", "state", "at", "mode before", "missed", "overruns", "pressures, Cp")
@@ -156,7 +156,7 @@ def _state(one: "StoredFault") -> str:
 
 
 def _figures(one: "StoredFault") -> dict[str, Any]:
-    from can_bridge.uds.fault_codes import in_letters
+    from can_bridge.uds.fault_memory import in_letters
 
     mode = None if one.mode_before is None else one.mode_before.name
     return {**vars(one), "code": in_letters(one.code), "reason": one.reason.name, "mode_before": mode}

@@ -111,12 +111,9 @@ def _bring_release(
     opened: tuple[str, bytes, Bundle | None], bus: BusConfig, access: Path | None, *, dry_run: bool, confirm: bool
 ) -> None:
     from can_bridge.tester.facts import check_fits
-    from can_bridge.tester.sequence import flash as flash_ecu
-    from can_bridge.tester.transport import open_client
-    from can_bridge.uds.security import AccessKey
+    from can_bridge.tester.sequence import Flashing
 
     name, image, release = opened
-    key = None if access is None else AccessKey.read(access).answer
 
     def judge(facts: "EcuFacts") -> None:
         console.print(f"ECU {facts.serial_number}, {facts.hardware}: runs {_running(facts)}")
@@ -126,7 +123,7 @@ def _bring_release(
             check_fits(release, len(image), facts)
 
     with (
-        open_client(bus) as client,
+        asking(bus, access) as ecu,
         progress("bytes") as report,
         go_on_with(lambda: "the ECU keeps the received part; the same command continues there"),
     ):
@@ -141,9 +138,8 @@ def _bring_release(
             for done in received:
                 report("flash", *done, step.name.lower().replace("_", " "))
 
-        flashed = flash_ecu(
-            client, image, key=key, dry_run=dry_run, confirm=confirm, judge=judge, progress=show, on_step=on_step
-        )
+        flashing = Flashing(ecu, image, dry_run=dry_run, confirm=confirm, judge=judge, progress=show, on_step=on_step)
+        flashed = flashing.run()
     console.print(_ended(flashed, name) + _effort(flashed, len(image)))
 
 

@@ -180,10 +180,8 @@ def test_age_and_drift_move_the_rows_and_another_period_is_refused() -> None:
 def test_authentication_is_checked_where_a_key_is_given() -> None:
     one = drive("secured", 60, 13)
     messages = log_of(one)
-
     messages[40].data[-1] ^= 1
-    replayed = pressure(one, 3, messages[60].timestamp + 1e-4)
-    messages.insert(61, replayed)
+    messages.insert(61, pressure(one, 3, messages[60].timestamp + 1e-4))
     series = read(messages, key=Key(drive_log.KEY))
     assert (series.unused, series.checked, series.filled) == ({"not authentic": 2}, True, (1, 0))
     assert read(messages).checked is False

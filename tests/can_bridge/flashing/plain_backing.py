@@ -59,7 +59,7 @@ class PlainBacking:
         content = self.slots[slot]
         assert slot in self._writable and content is not None, "written without clear or begin_again"
         if len(content) + len(data) > self.capacity:
-            raise MediumError("full", len(content))
+            raise MediumError("full")
         self._count()
         content += data
         self.written += len(data)
@@ -68,10 +68,10 @@ class PlainBacking:
     def read(self, slot: Slot, offset: int, length: int) -> bytes:
         content = self.slots[slot]
         if content is None or offset + length > len(content):
-            raise MediumError("nothing there", offset)
+            raise MediumError("nothing there")
         return bytes(content[offset : offset + length])
 
     def _count(self) -> None:
         if self.broken:
-            raise MediumError("worn out", 0)
+            raise MediumError("worn out")
         self.calls += 1

@@ -56,16 +56,10 @@ def untrained() -> tuple[Manifest, bytes]:
 
 
 @cache
-def files(
-    name: str = "one", *, key: Ed25519PrivateKey | None = RELEASE, version: int = 1, **changes: Any
-) -> dict[str, bytes]:
+def image(name: str = "one", *, key: Ed25519PrivateKey | None = RELEASE, version: int = 1, **changes: Any) -> bytes:
     manifest, graph = untrained()
-    return pack(replace(manifest, name=name, security_version=version, **changes), {CONTROLLER: graph}, key)
-
-
-@cache
-def image(name: str = "one", **changes: Any) -> bytes:
-    return image_of(files(name, **changes))
+    facts = replace(manifest, name=name, security_version=version, **changes)
+    return image_of(pack(facts, {CONTROLLER: graph}, key))
 
 
 def keys(version: int = 1, *allowed: Ed25519PrivateKey | PublicKey, revoked: Any = ()) -> bytes:
@@ -87,8 +81,8 @@ RULES: dict[str, Any] = {
 """Of an ECU's store. Equal bytes, which recur thousands of times, are checked once."""
 
 
-def provision(backing: B, first: bytes | None, **changes: Any) -> B:
-    Store.provision(backing, **{"keys": keys(), "image": first, **RULES, **changes})
+def provision(backing: B, first: bytes | None, listed: bytes = keys(), **changes: Any) -> B:
+    store_on(backing, **changes).provision(listed, first)
     return backing
 
 

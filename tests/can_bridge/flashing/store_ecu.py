@@ -10,6 +10,7 @@ from can_bridge.flashing.store import Boot
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.calibration_service import CalibrationService
 from can_bridge.uds.ecu_services import EcuServices
+from can_bridge.uds.fault_memory import FaultMemory
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Did, Nrc, Refused, Routine
@@ -57,7 +58,7 @@ class StoreEcu:
             log=lambda *_, **fields: None,
         )
         self.services.routines = self.routines
-        self.server = UdsServer(self.services, KEY, self._random_bytes)
+        self.server = UdsServer(self.services, KEY, self._random_bytes, FaultMemory())
         return self.boot
 
     def calibration(self, boot: Boot) -> CalibrationService | None:

@@ -53,7 +53,7 @@ def test_what_cannot_be_gone_on_with_begins_at_the_start(monkeypatch):
     assert store.received is None
     assert releases.phases(booted(backing.after_power_on())[0]) == [SlotPhase.CONFIRMED, SlotPhase.EMPTY]
 
-    monkeypatch.setattr(PlainBacking, "begin_again", Mock(side_effect=MediumError("worn out", 0)))
+    monkeypatch.setattr(PlainBacking, "begin_again", Mock(side_effect=MediumError("worn out")))
     store, _ = booted(begun())
     assert transfer(store, TWO) == 0
     assert at_once(store.finish()) == Verdict.GOOD

@@ -11,10 +11,8 @@ import pytest
 
 from can_bridge.flashing.state import Level
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.odx.pdx import pdx
-from can_bridge.odx.seed_and_key import seed_and_key
-from can_bridge.uds.fault_codes import CODES, in_letters
-from can_bridge.uds.server import UdsServer
+from can_bridge.odx.pdx import pdx, seed_and_key
+from can_bridge.uds.fault_memory import CODES, in_letters
 from can_bridge.uds.services import Did, Nrc, Routine, Session
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.controller import CostWeights
@@ -68,9 +66,9 @@ def layer() -> Any:
 
 @pytest.fixture
 def bench() -> Bench:
-    memory, bench, packed = Memory(), Bench(), VALUES.pack()
+    memory, packed = Memory(), VALUES.pack()
     memory.note(Reason.STREAM_LOST)
-    bench.server = UdsServer(bench.ecu, bench.key, lambda count: b"\xaa" * count, faults=memory.now)
+    bench = Bench(faults=memory.now)
     bench.ecu.values = {did: b"\x05\x06\x07\x08" for did in Did} | {
         Did.SERIAL_NUMBER: "Nr. 0815 µ".encode(),
         Did.DBC_SHA256: bytes(range(32)),

@@ -28,7 +28,7 @@ class EcuToFlash(StoreEcu):
     """Release `old` is confirmed; the tests' key and that of the shipped release may sign; `memory` outlives resets."""
 
     def __init__(self, first: bytes | None = image("old")) -> None:
-        self.memory = provision(PlainBacking(), first, keys=keys(1, RELEASE, SHIPPED_BY))
+        self.memory = provision(PlainBacking(), first, keys(1, RELEASE, SHIPPED_BY))
         self.memory.written = 0
         super().__init__(lambda: self.memory)
 

@@ -2,43 +2,19 @@
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 from udsoncan.client import Client
 from udsoncan.connections import BaseConnection
 from udsoncan.exceptions import TimeoutException
 
-from can_bridge.tester.sequence import Flashed, flash
+from can_bridge.tester.asking import Asking
 from can_bridge.tester.transport import answers, silence
 from can_bridge.uds.security import AccessKey
-from can_bridge.uds.server import UdsServer
 from tests.can_bridge.flashing.store_ecu import KEY
 
 NS = 1_000_000_000
 TICK_NS = 20_000_000
-
-
-class VirtualTime:
-    def __init__(self, on_tick: Callable[[], None]) -> None:
-        self.now_ns, self._on_tick = 0, on_tick
-
-    def clock(self) -> float:
-        return self.now_ns / NS
-
-    def sleep(self, seconds: float) -> None:
-        until = self.now_ns + round(seconds * NS)
-        while self.now_ns < until:
-            self.now_ns = min(until, self.now_ns + TICK_NS)
-            self._on_tick()
-
-
-class Ecu(Protocol):
-    """What is at the other end; `is_reset`: `power_on` is due."""
-
-    server: UdsServer
-    is_reset: bool
-
-    def power_on(self) -> object: ...
 
 
 class DirectConnection(BaseConnection):
@@ -58,18 +34,31 @@ class DirectConnection(BaseConnection):
 
 
 class Line(DirectConnection):
-    """A tester's connection, by payloads. `lose` is called with each payload, and with True for one to the ECU, and
-    returns whether it is lost. `heard` has the requests that reached the ECU; `pending` counts response-pendings."""
+    """A tester's connection, by payloads, to an ECU with `server`, `is_reset` and `power_on`. `lose` is called with a
+    payload, and with True for one to the ECU, and returns whether it is lost. `heard` has the requests that reached the
+    ECU; `pending` counts response-pendings."""
 
-    def __init__(self, ecu: Ecu) -> None:
+    def __init__(self, ecu: Any) -> None:
         super().__init__()
         self.ecu = ecu
-        self.time = VirtualTime(self._tick)
+        self.now_ns = 0
         self.lose: Callable[[bytes, bool], bool] = lambda payload, to_ecu: False
         self.heard: list[bytes] = []
         self.pending = 0
         self._request = b""
         self._waiting: deque[bytes] = deque()
+
+    def asking(self, key: AccessKey = KEY) -> Asking:
+        return Asking(Client(self), key=key.answer, clock=self.clock, sleep=self.sleep)
+
+    def clock(self) -> float:
+        return self.now_ns / NS
+
+    def sleep(self, seconds: float) -> None:
+        until = self.now_ns + round(seconds * NS)
+        while self.now_ns < until:
+            self.now_ns = min(until, self.now_ns + TICK_NS)
+            self._take(self.ecu.server.tick(self.now_ns))
 
     def arrive(self, payload: bytes) -> None:
         self._waiting.append(payload)
@@ -81,20 +70,17 @@ class Line(DirectConnection):
         self._request = payload
         if not self.lose(payload, True):
             self.heard.append(payload)
-            self._take(self.ecu.server.request(self.time.now_ns, payload))
+            self._take(self.ecu.server.request(self.now_ns, payload))
 
     def specific_wait_frame(self, timeout: float | None = None) -> bytes:
-        until = self.time.now_ns + round((timeout or 0.0) * NS)
-        while self.time.now_ns <= until:
+        until = self.now_ns + round((timeout or 0.0) * NS)
+        while self.now_ns <= until:
             while self._waiting:
                 payload = self._waiting.popleft()
                 if answers(self._request, payload):
                     return payload
-            self.time.sleep(TICK_NS / NS)
+            self.sleep(TICK_NS / NS)
         raise TimeoutException
-
-    def _tick(self) -> None:
-        self._take(self.ecu.server.tick(self.time.now_ns))
 
     def _take(self, payloads: list[bytes]) -> None:
         if self.ecu.is_reset:
@@ -103,8 +89,3 @@ class Line(DirectConnection):
             self.pending += payload[:1] == b"\x7f" and payload[2:] == b"\x78"
             if not self.lose(payload, False):
                 self._waiting.append(payload)
-
-
-def flash_over(line: Line, image: bytes, *, key: AccessKey = KEY, **others: Any) -> Flashed:
-    time = line.time
-    return flash(Client(line), image, key=key.answer, clock=time.clock, sleep=time.sleep, **others)

@@ -3,20 +3,16 @@
 from dataclasses import replace
 
 import pytest
-from udsoncan.client import Client
 
 from can_bridge.tester import calibration
-from can_bridge.tester.asking import Asking
 from contract.errors import ConfigError, FlashError
-from tests.can_bridge.flashing.store_ecu import KEY
 from tests.can_bridge.tester.ecus import OWN, Ecu
 from tests.can_bridge.tester.line import Line
 
 
 def test_a_value_is_refused_before_anything_is_sent_and_another_tools_values_are_noticed(monkeypatch):
     ecu = Ecu()
-    line = Line(ecu)
-    asking = Asking(Client(line), key=KEY.answer, clock=line.time.clock, sleep=line.time.sleep)
+    asking = Line(ecu).asking()
     read = calibration.read(asking)
     for name, value, message in (
         ("drag", 1.0, "'drag' must be one of drag_mean"),

@@ -12,13 +12,14 @@ from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.tester import messages
-from can_bridge.tester.sequence import End, Flashed, Step
+from can_bridge.tester.sequence import End, Flashed, Flashing, Step
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.services import SERVICES, Did, Nrc, Refused, Routine, Service
 from contract.errors import FlashError
 from tests.can_bridge.flashing.releases import BLOCK, damage, flash, image, phases
+from tests.can_bridge.flashing.store_ecu import KEY
 from tests.can_bridge.tester.ecus import EcuToFlash
-from tests.can_bridge.tester.line import Line, flash_over
+from tests.can_bridge.tester.line import Line
 
 NEW = image("new")
 SHA256 = hashlib.sha256(NEW).digest()
@@ -40,8 +41,8 @@ def line(ecu: EcuToFlash) -> Line:
     return Line(ecu)
 
 
-def flashed(line: Line, new: bytes = NEW, **options: Any) -> Flashed:
-    return flash_over(line, new, **options)
+def flashed(line: Line, new: bytes = NEW, *, key: AccessKey = KEY, **options: Any) -> Flashed:
+    return Flashing(line.asking(key), new, **options).run()
 
 
 def test_an_ecu_that_knows_neither_silence_nor_a_switch_for_faults_is_flashed_all_the_same(monkeypatch) -> None:
@@ -129,9 +130,9 @@ def test_wrong_keys_write_nothing_and_their_delay_is_waited_for(line: Line, ecu:
         with pytest.raises(messages.AccessError, match=words):
             flashed(line, key=WRONG_KEY)
     assert set(ecu.routines) == {Routine.PRECONDITIONS}
-    began = line.time.clock()
+    began = line.clock()
     assert flashed(line).end is End.CONFIRMED
-    assert line.time.clock() - began >= 9.0
+    assert line.clock() - began >= 9.0
 
 
 def test_a_seed_that_comes_late_does_not_pass_for_a_wrong_key(line: Line) -> None:
@@ -180,7 +181,7 @@ def test_each_verdict_ends_it_and_the_ecu_goes_back_to_work(monkeypatch: pytest.
             patch.setattr(Store, "finish", lambda store, verdict=verdict: finish(verdict))
             flashed(line)
         assert refusal.value.verdict is verdict and verdict.in_words in str(refusal.value)
-        line.time.sleep(1.0)
+        line.sleep(1.0)
         assert (Routine.ACTIVATE in ecu.routines, ecu.resets, ecu.runs) == (False, 1, "old"), verdict
 
 

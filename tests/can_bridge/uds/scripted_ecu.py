@@ -1,11 +1,12 @@
 """An ECU behind the server whose answers a test decides, and that notes what it is asked."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from functools import partial
+from typing import Any, cast
 
 from can_bridge.flashing.backing import Long
 from can_bridge.flashing.state import Level
-from can_bridge.uds.ecu_services import EcuServices
+from can_bridge.uds.fault_memory import FaultMemory
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Did, Nrc, Refused, Routine, Session
@@ -15,8 +16,9 @@ MS = 1_000_000
 S = 1000 * MS
 
 
-class ScriptedEcu(EcuServices):
-    """Notes calls as tuples of name and arguments; refuses those that `refusals` names; works in `pieces` pieces."""
+class ScriptedEcu:
+    """Has any method, and notes calls as tuples of name and arguments; refuses those that `refusals` names; works in
+    `pieces` pieces."""
 
     def __init__(self) -> None:
         self.calls: list[tuple[Any, ...]] = []
@@ -26,11 +28,8 @@ class ScriptedEcu(EcuServices):
         self.status = b""
         self.attempts = dict.fromkeys(Level, 0)
 
-    def enter(self, session: Session) -> None:
-        self._note("enter", session)
-
-    def leave(self) -> None:
-        self._note("leave")
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        return partial(self._note, name)
 
     def read(self, did: Did) -> bytes:
         self._note("read", did)
@@ -38,15 +37,9 @@ class ScriptedEcu(EcuServices):
             raise Refused(Nrc.OUT_OF_RANGE)
         return self.values[did]
 
-    def write(self, did: Did, value: bytes) -> None:
-        self._note("write", did, value)
-
     def routine(self, routine: Routine, option: bytes) -> Long[bytes]:
         yield from self._work("routine", routine, option)
         return self.status
-
-    def download(self, offset: int, length: int) -> None:
-        self._note("download", offset, length)
 
     def transfer(self, data: bytes) -> Long[None]:
         return self._work("transfer", data)
@@ -57,12 +50,6 @@ class ScriptedEcu(EcuServices):
     def keep_failed_attempts(self, level: Level, count: int) -> None:
         self._note("keep", level, count)
         self.attempts[level] = count
-
-    def before_reset(self) -> None:
-        self._note("before_reset")
-
-    def reset(self) -> None:
-        self._note("reset")
 
     def _note(self, *call: Any) -> None:
         self.calls.append(call)
@@ -78,13 +65,13 @@ class ScriptedEcu(EcuServices):
 class Bench:
     """A server, the ECU behind it, and a clock. Seeds are `seeds`, then numbers that are counted up."""
 
-    def __init__(self, ecu: ScriptedEcu | None = None, *, now_ns: int = 0) -> None:
+    def __init__(self, ecu: ScriptedEcu | None = None, *, faults: FaultMemory | None = None, now_ns: int = 0) -> None:
         self.ecu = ecu or ScriptedEcu()
         self.key = AccessKey(SECRET)
         self.now_ns = now_ns
         self.seeds: list[bytes] = []
         self._drawn = 0
-        self.server = UdsServer(self.ecu, self.key, self._random_bytes)
+        self.server = UdsServer(cast(Any, self.ecu), self.key, self._random_bytes, faults or FaultMemory())
 
     def ask(self, *parts: int | bytes | Sequence[int]) -> bytes | None:
         """The one answer to a request, None if there was none."""

@@ -135,7 +135,7 @@ class Kept:
 
     def _keep(self, raw: bytes | None) -> None:
         if self.is_worn_out:
-            raise MediumError("no place is left that works", 0)
+            raise MediumError("no place is left that works")
         self.raw, self.writes = raw, self.writes + 1
 
     def refuse(self, did: Did, value: bytes, code: Nrc) -> None:

@@ -3,9 +3,7 @@
 import pytest
 
 from can_bridge.flashing.backing import MediumError
-from can_bridge.uds.fault_codes import CODES, in_letters
-from can_bridge.uds.fault_memory import AGED_CYCLES, FaultMemory, FaultReport
-from can_bridge.uds.server import UdsServer
+from can_bridge.uds.fault_memory import AGED_CYCLES, CODES, FaultMemory, FaultReport, in_letters
 from can_bridge.uds.services import Nrc, Refused, Session
 from can_bridge.wire.messages import Reason
 from tests.can_bridge.uds.scripted_ecu import Bench, S
@@ -33,7 +31,7 @@ class Memory:
 
     def _keep(self, record: bytes) -> None:
         if self.fails:
-            raise MediumError("worn", 0)
+            raise MediumError("worn")
         self.record, self.writes = record, self.writes + 1
 
 
@@ -44,9 +42,7 @@ def memory() -> Memory:
 
 @pytest.fixture
 def bench(memory) -> Bench:
-    made = Bench()
-    made.server = UdsServer(made.ecu, made.key, bytes, faults=memory.now)
-    return made
+    return Bench(faults=memory.now)
 
 
 def test_every_reason_that_is_a_fault_has_a_code_of_its_own():

@@ -55,7 +55,7 @@ def serve(tmp_path: Path, is_stopped: Callable[[PythonCanBus], bool], ids: Diagn
 
 
 def fail(*_: object) -> None:
-    raise MediumError("the disk does not answer", 0)
+    raise MediumError("the disk does not answer")
 
 
 def test_a_reset_that_fails_ends_the_process_so_that_another_one_boots(

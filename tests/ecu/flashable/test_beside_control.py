@@ -8,7 +8,7 @@ import pytest
 
 from can_bridge.flashing.backing import MediumError
 from can_bridge.flashing.folder_backing import FolderBacking
-from can_bridge.uds.fault_codes import CODES
+from can_bridge.uds.fault_memory import CODES
 from can_bridge.wire.frame import FD_LENGTHS, Frame
 from can_bridge.wire.messages import Mode, Reason
 from contract.release.checks import Bundle
@@ -201,7 +201,7 @@ def test_without_a_release_that_is_the_fault_and_a_worn_memory_is_reported_once(
     provision(tmp_path / "ecu", None)
 
     def worn(self, kind, record):
-        raise MediumError("worn", 0)
+        raise MediumError("worn")
 
     monkeypatch.setattr(FolderBacking, "keep", worn)
     rig = Rig(tmp_path / "ecu")

@@ -145,7 +145,7 @@ def test_a_memory_that_fails_is_tried_once(rig: Rig, monkeypatch: pytest.MonkeyP
 
     def fail(store: Store, blob: bytes | None) -> None:
         tried.append(blob)
-        raise MediumError("sector 3 is bad", 0)
+        raise MediumError("sector 3 is bad")
 
     monkeypatch.setattr(Store, "keep_calibration", fail)
     rig.power_on()

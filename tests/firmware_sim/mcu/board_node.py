@@ -4,12 +4,9 @@ from collections import Counter
 from dataclasses import replace
 from typing import Any
 
-from udsoncan.client import Client
-
 from can_bridge.flashing.state import Level
 from can_bridge.isotp.endpoint import Endpoint
-from can_bridge.tester.asking import Asking
-from can_bridge.tester.sequence import End, Flashed
+from can_bridge.tester.sequence import End, Flashed, Flashing
 from can_bridge.tester.transfer import bring
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
@@ -25,7 +22,7 @@ from firmware_sim.mcu.board.flash_controller import STM32H743, FlashBank, FlashT
 from firmware_sim.mcu.build import EQUIPMENT, equipment_header
 from tests.can_bridge.flashing.releases import RELEASE, ROOT
 from tests.can_bridge.flashing.store_ecu import KEY, SECRET
-from tests.can_bridge.tester.line import Line, flash_over
+from tests.can_bridge.tester.line import Line
 from tests.ecu.in_c.exported import CONFIG, Exported, Feed
 
 TICK_NS = 1_000_000
@@ -134,7 +131,7 @@ class BoardLine(Line):
         super().__init__(self)
         self.server: Any = self
         self.is_reset = False
-        self._board, self.time.now_ns = board, board.board.counter.now_ns
+        self._board, self.now_ns = board, board.board.counter.now_ns
         self._response = bus.diagnosis.response
         self._end = Endpoint(isotp_settings(bus, is_tester=True))
 
@@ -153,8 +150,8 @@ class BoardLine(Line):
         return self._end.take()
 
     def provision(self, keys: bytes, image: bytes) -> None:
-        bring(Asking(Client(self), key=KEY.answer, clock=self.time.clock, sleep=self.time.sleep), keys)
+        bring(self.asking(), keys)
         assert self.flash(image).end is End.CONFIRMED
 
     def flash(self, image: bytes) -> Flashed:
-        return flash_over(self, image)
+        return Flashing(self.asking(), image).run()

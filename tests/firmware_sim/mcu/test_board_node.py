@@ -45,7 +45,7 @@ def test_a_release_that_was_flashed_over_can_controls_as_on_the_host(built, fres
     line = BoardLine(board)
     with pytest.raises(ImageRefusedError):
         line.flash(built.image("two", 2)[:-1] + b"!")
-    line.time.sleep(1.0)
+    line.sleep(1.0)
     done = line.flash(built.image("two", 2))
     assert (done.end, done.before.serial_number, done.after.reason) == (End.CONFIRMED, "0815", BootReason.TRIAL)
     assert line.flash(built.image("two", 2)).end is End.ALREADY

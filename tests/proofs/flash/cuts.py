@@ -26,14 +26,14 @@ from benchmarks.common.command_line import console, track
 from can_bridge.flashing.backing import MediumError, Slot
 from can_bridge.flashing.state import TRIAL_BOOTS, SlotPhase
 from can_bridge.flashing.store import BootReason
-from can_bridge.tester.sequence import End, Flashed, Step
+from can_bridge.tester.sequence import End, Flashed, Flashing, Step
 from contract.errors import StillwakeError
 from contract.release import bundle
 from contract.release.container import image_of, read_files
 from contract.shipped import BUNDLE
 from tests.can_bridge.flashing.releases import RELEASE, provision
 from tests.can_bridge.flashing.store_ecu import StoreEcu
-from tests.can_bridge.tester.line import Line, flash_over
+from tests.can_bridge.tester.line import Line
 from tests.proofs.command_line import JsonFile, report, spread
 from tests.proofs.flash.places import FolderPlace
 
@@ -168,7 +168,7 @@ def recover(
 
 
 def _flash(ecu: StoreEcu, asked: Asked) -> Flashed:
-    return flash_over(Line(ecu), shipped(NEW), progress=asked.progress, on_step=asked.on_step)
+    return Flashing(Line(ecu).asking(), shipped(NEW), progress=asked.progress, on_step=asked.on_step).run()
 
 
 def _judge(ecu: StoreEcu, twin: FolderPlace, asked: Asked, wrong: Callable[[str, str], None]) -> None:

@@ -65,7 +65,7 @@ class FolderPlace(FolderFiles):
 
     def truncate(self, name: str, length: int) -> None:
         if name not in self._names:
-            raise MediumError(f"{name}: no such file", 0)
+            raise MediumError(f"{name}: no such file")
         self._change(lambda place: place._put(name, place._names[name].now[:length]))
 
     def rename(self, old: str, new: str) -> None:

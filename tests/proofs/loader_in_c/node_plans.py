@@ -7,8 +7,7 @@ from random import Random
 from typing import Any, Final
 
 from can_bridge.flashing.state import Level
-from can_bridge.uds.fault_codes import CODES
-from can_bridge.uds.fault_memory import LENGTHS, FaultReport
+from can_bridge.uds.fault_memory import CODES, LENGTHS, FaultReport
 from can_bridge.uds.services import MAX_BLOCK, Did, Routine, Service, Session
 from contract.controller.calibration import PACKED_BYTES
 from tests.can_bridge.flashing.store_ecu import KEY

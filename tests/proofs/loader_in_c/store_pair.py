@@ -59,7 +59,7 @@ class Flash:
 
     def keep(self, kind: RecordKind, record: bytes) -> None:
         if not self.records_left:
-            raise MediumError("no place is left", 0)
+            raise MediumError("no place is left")
         self.records_left -= 1
         self.passed.append((kind, record))
         self.kept[kind] = record
@@ -68,7 +68,7 @@ class Flash:
         for at in range(behind, SLOT_BYTES, SECTOR):
             yield
             if not self.erases:
-                raise MediumError("a sector is worn", at)
+                raise MediumError("a sector is worn")
             self.content[slot][at : at + SECTOR] = b"\xff" * SECTOR
         self._at[slot] = behind
 
@@ -78,20 +78,20 @@ class Flash:
         if length < whole and (self._memory[begin:end].strip(b"\xff") or self._fails(begin, end)):
             length = length // SECTOR * SECTOR
             if not length:
-                raise MediumError("the first sector has words too many", 0)
+                raise MediumError("the first sector has words too many")
         self._at[slot] = length
         return length
 
     def append(self, slot: Slot, data: bytes) -> None:
         if self.is_worn:
             self.is_worn = False
-            raise MediumError("a word is worn", self._at[slot])
+            raise MediumError("a word is worn")
         self.content[slot][self._at[slot] : self._at[slot] + len(data)] = data
         self._at[slot] += len(data)
 
     def read(self, slot: Slot, offset: int, length: int) -> bytes:
         if self._fails(_place(slot, offset), _place(slot, offset + length)):
-            raise MediumError("a word cannot be corrected", offset)
+            raise MediumError("a word cannot be corrected")
         return bytes(self.content[slot][offset : offset + length])
 
     def _fails(self, begin: int, end: int) -> bool:
@@ -317,7 +317,7 @@ class Pair:
         attempts = [(store.state.failed_attempts[level], c.sw_store_failed_attempts(own, level)) for level in Level]
         seen = {
             "answer": (python, found),
-            "report": (report.encode(report.report_of(store)), self._text(c.sw_store_report, own)),
+            "report": (report.encode(store), self._text(c.sw_store_report, own)),
             "received": (0xFFFFFFFF if store.received is None else store.received, c.sw_store_received(own)),
             **{kind.name: (self.flash.kept.get(kind, b""), self._record(kind)) for kind in RecordKind},
             "calibration": (calibration or b"", self._text(lambda to: c.sw_store_calibration(own, to, 1024))),

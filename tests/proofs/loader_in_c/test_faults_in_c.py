@@ -8,8 +8,7 @@ from zlib import crc32
 import pytest
 
 from can_bridge.flashing.backing import RecordKind
-from can_bridge.uds.fault_codes import CODES, SNAPSHOT_BYTES
-from can_bridge.uds.fault_memory import AGED_CYCLES
+from can_bridge.uds.fault_memory import AGED_CYCLES, CODES, SNAPSHOT_BYTES
 from can_bridge.wire.messages import Reason
 from ecu.fail_safe import OperatingMode
 from tests.proofs.ecu_in_c.branch_coverage import branches
