@@ -51,12 +51,9 @@ def main(
     records: Annotated[int, typer.Option(help="Forged records, and as many logs of records.", min=1)] = 10_000,
     seconds: Annotated[int, typer.Option(help="Second cuts in the recovery from each first one.", min=0)] = 2,
     eighths: Annotated[int, typer.Option(help="Of all operations, in which the supply is cut.", min=1, max=8)] = 8,
-    faults: Annotated[bool, typer.Option(help="Plant faults in the store, and count its branches, too.")] = True,
 ) -> None:
     """Compare the store in C with the Python store, cut its power, and fuzz it; nothing may differ or be lost."""
-    sizes_of: dict[str, Any] = {
-        "images": images, "calls": calls, "records": records, "seconds": seconds, "eighths": eighths, "faults": faults,
-    }  # fmt: skip
+    sizes_of = {"images": images, "calls": calls, "records": records, "seconds": seconds, "eighths": eighths}
     storage = storage_figures(seed=seed, processes=processes, **sizes_of)
     differences, compared = list[str](), 0
     with tempfile.TemporaryDirectory() as name:
