@@ -22,8 +22,6 @@ CHUNK: Final = 1_000  # periods that are recorded before C lives through them
 
 
 class Stretch(NamedTuple):
-    """What was lived through by both."""
-
     steps: int
     mismatch: str | None  # at which it ended: variant, seed, period, and fields that differ with both values
     modes: Counter[str]  # periods in each operating mode

@@ -53,7 +53,7 @@ def main(
     eighths: Annotated[int, typer.Option(help="Of all operations, in which the supply is cut.", min=1, max=8)] = 8,
 ) -> None:
     """Compare the store in C with the Python store, cut its power, and fuzz it; nothing may differ or be lost."""
-    sizes_of = {"images": images, "calls": calls, "records": records, "seconds": seconds, "eighths": eighths}
+    sizes_of: dict[str, Any] = dict(images=images, calls=calls, records=records, seconds=seconds, eighths=eighths)
     storage = storage_figures(seed=seed, processes=processes, **sizes_of)
     differences, compared = list[str](), 0
     with tempfile.TemporaryDirectory() as name:

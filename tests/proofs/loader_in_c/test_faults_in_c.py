@@ -65,7 +65,6 @@ class Course:
 
 
 def live(of: Any, library: Library) -> None:
-    """The course; AssertionError where the two differ."""
     course = Course(of)
     course.into_control()
     course.reports()

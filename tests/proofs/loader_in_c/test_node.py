@@ -3,8 +3,8 @@
 from collections import Counter
 from collections.abc import Sequence
 from functools import partial
-from itertools import count
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import Any
 from unittest.mock import patch
 
@@ -62,9 +62,8 @@ def noticed(fault: Planted, folder: Path) -> bool:
     """Whether the comparison fails with it; raises ValueError if the sources no longer have the place."""
     for kind, config in CONFIGS.items():
         contents = fault.into(sources(config))
-        # A library that is loaded stays: each needs a name of its own. A planted fault may look odd to the compiler.
-        name = next(name for name in map("{}.so".format, count()) if not (folder / kind / name).exists())
-        of = world(kind, Library(contents, build(contents, folder / kind, name, (*QUICK, "-w"))))
+        # A library that is loaded stays: each needs a path of its own. A planted fault may look odd to the compiler.
+        of = world(kind, Library(contents, build(contents, Path(mkdtemp(dir=folder)), "node.so", (*QUICK, "-w"))))
         seeds = range(MOST_SEEDS)
         if play_plan(of, confirmations(of)).differences or any(play(of, seed).differences for seed in seeds):
             return True

@@ -39,8 +39,6 @@ SETTINGS: Final = {
     "their number": EcuConfig(hold_periods=2, decay_periods=2, rearm_frames=2, loss_window=5, loss_limit=3),
 }
 """Lengths of hold, decay and re-arming, and limits: as large as is needed for every row of the table."""
-LENGTHS: Final = ("hold_periods", "decay_periods", "rearm_frames", "loss_window", "loss_limit")
-"""The settings that the table depends on."""
 
 
 class ViolationError(AssertionError):
@@ -49,8 +47,6 @@ class ViolationError(AssertionError):
 
 @dataclass(frozen=True)
 class Witness:
-    """What has been seen from outside."""
-
     latched: bool = True  # no control was begun since power-on, or since the latest fault
     asked: int = 0  # usable periods in a row that a fault asks for before it may end; 0 at power-on
     good: int = 0  # usable periods in a row since the fault, up to those that are asked for
@@ -276,7 +272,8 @@ def main(json_file: JsonFile = None) -> None:
         ]
     counts = {"sabotage": len(sabotaged), "sabotage_found": sum(bool(one["found"]) for one in sabotaged)}
     figures = {**parts, **counts, "sabotaged": sabotaged}
-    settings = {name: {key: getattr(one, key) for key in LENGTHS} for name, one in SETTINGS.items()}
+    lengths = ("hold_periods", "decay_periods", "rearm_frames", "loss_window", "loss_limit")
+    settings = {name: {key: getattr(one, key) for key in lengths} for name, one in SETTINGS.items()}
     facts: dict[str, Any] = {"settings": settings, "sector_bytes": SECTOR}
     report(json_file, "models", figures, packages=("stillwake",), shown=(*parts, "sabotage_found"), **facts)
     if missed := [one["what"] for one in sabotaged if not one["found"]]:

@@ -95,8 +95,6 @@ class Sabotage:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """The result of an item or a sabotage."""
-
     state: str  # "proved", "failed" or "open"
     conditions: int = 0  # that the solver had to show, of which a line may have many; or statements that Eva reached
     seconds: float = 0.0  # CPU time
