@@ -15,16 +15,14 @@ import numpy as np
 import can_bridge
 import contract
 import ecu
-from can_bridge.e2e.receiver import E2eReceiver
-from can_bridge.e2e.sender import E2eSender
-from can_bridge.wire import codec
-from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, VEHICLE_SPEED
-from can_bridge.wire.messages import Mode, Pressure, VehicleSpeed
+from can_bridge.wire.messages import Mode
 from contract.config.loading import load_config
 from contract.release import bundle, signing
 from contract.runtime.onnx_session import OnnxController
+from contract.sensors import TRUCK
 from contract.shipped import BUNDLE
 from ecu.ecu import Ecu
+from firmware_sim.bench.vehicle_node import VehicleNode
 
 EXTRAS = ("torch", "shap", "onnx", "numba", "scipy", "matplotlib", "gymnasium", "distributed", "PIL", "pytest", "h5py",
           "udsoncan", "isotp")  # fmt: skip
@@ -49,30 +47,21 @@ def main() -> None:
     config = load_config(None, [])
     release = bundle.load(BUNDLE, signing.project_key())
     unit = Ecu(release, OnnxController.of(release), config)
-    vehicle, speed, jets = E2eSender(PRESSURE), E2eSender(VEHICLE_SPEED), E2eReceiver(JET_COMMAND, config.bus.e2e)
-    cruises = codec.emit_vehicle_speed(VehicleSpeed(speed_m_per_s=config.operating_point.speed, age_ns=0))
-    pressure = np.array(release.manifest.scaling.pressure_mean) * config.operating_point.dynamic_pressure
-    # To and fro: the plan of a wake that is its own mirror image is no action.
-    aside = np.resize([1.0, -1.0], len(pressure))
-    seen = []
+    vehicle, mean = VehicleNode(release.manifest.sensors, config), np.array(release.manifest.scaling.pressure_mean)
+    wall, columns = np.zeros(len(TRUCK)), TRUCK.indices(release.manifest.sensors)
+    # To and fro: the plan of a wake that is its own mirror image is no action, and a reading that rests is taken for a
+    # dead sensor's.
+    aside = np.resize([1.0, -1.0], len(mean)) / config.operating_point.dynamic_pressure
     for k in range(release.manifest.window + 5):
         now_ns = k * config.period_ns
-        # A reading that rests is taken for a dead sensor's.
-        measured = Pressure(
-            pressure_pa=tuple((pressure + (-1.0) ** k * aside).tolist()),
-            valid=(True,) * len(pressure),
-            age_ns=0,
-            enable_request=k > 0,
-        )
-        frames = [speed.frame(cruises, now_ns=now_ns), vehicle.frame(codec.emit_pressure(measured), now_ns=now_ns)]
-        answers = unit.step(now_ns, frames)
-        live = jets.tick([answer for answer in answers if answer.frame_id == JET_COMMAND.frame_id]).live
-        command = None if live is None else codec.parse_jet_command(live.data)
-        seen.append(None if command is None else (command.mode, command.enable, command.flow_m2_per_s))
-    last = seen[-1]
-    if last is None or last[0] is not Mode.CONTROL or not last[1] or last[2] == 0.0:
-        sys.exit(f"the ECU is not in control after {len(seen)} good frames: {seen[-3:]}")
-    what = f"release {release.manifest.name} in control: {last[2]:+.4f} m2/s"
+        wall[columns] = mean + (-1.0) ** k * aside
+        speed = vehicle.speed_frame(now_ns=now_ns)
+        sampled = vehicle.sample(wall, enable_request=k > 0, now_ns=now_ns)
+        answers = unit.step(now_ns, [*([] if speed is None else [speed]), sampled])
+        jets = vehicle.apply_commands(answers)
+    if unit.trace.mode is not Mode.CONTROL or jets.action == 0.0:
+        sys.exit(f"the ECU is in {unit.trace.mode.name} after {k + 1} good frames: {unit.state.fail_safe}")
+    what = f"release {release.manifest.name} in control: {jets.action:+.2g} U_inf W"
     sys.stdout.write(f"{len(names)} modules imported; {what}\n")
 
 

@@ -135,7 +135,6 @@ def ended(words: Sequence[str]) -> tuple[int, str]:
 
 
 def wrong(one: Call, installed: Sequence[str], status: int, err: str) -> str | None:
-    """What is wrong with how a call ended."""
     lacking = [extra for extra in one.needs if extra not in installed]
     # What an extra brings may have come with another one.
     if status == one.status or not lacking:

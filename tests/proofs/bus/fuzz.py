@@ -5,7 +5,7 @@ ones; only the system's call that would hand over a datagram or bytes is ours.
 """
 
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import count
 from operator import attrgetter
 from queue import SimpleQueue
@@ -46,8 +46,9 @@ _content: Final = attrgetter("frame_id", "data", "is_fd")
 
 
 class ReceivePath:
-    """One node for each backend; each call feeds one of them and follows what comes out to its end. `authentic` are the
-    frames of secured messages that came as far as their end-to-end check; the caller may clear it."""
+    """One node for each backend; each call feeds one of them sound frames, made-up ones between them, and follows what
+    comes out to its end. `authentic` are the frames of secured messages that came as far as their end-to-end check; the
+    caller may clear it."""
 
     def __init__(self) -> None:
         self._datagrams, self._port, self._messages = _FedUdpBus(), _FedPort(), ScriptedBus([])
@@ -60,23 +61,28 @@ class ReceivePath:
         self.authentic: list[Frame] = []
         self._time = 0.0
 
-    def datagrams(self, contents: Iterable[bytes]) -> list[Frame]:
-        """Datagrams a second apart, so that none passes for another's copy."""
-        for content in contents:
-            self._time += 1.0
+    def datagrams(self, rng: Random, sound: list[Frame]) -> list[Frame]:
+        packed = [pack_message(to_message(frame)) for frame in sound]
+        made_up = [any_datagram(rng, rng.choice(packed)) for _ in range(BATCH - GENUINE)]
+        for content in _mixed(rng, packed, made_up):
+            self._time += 1.0  # so that none passes for another's copy
             self._datagrams.waiting.append((content, ("127.0.0.1", 1), self._time))
         return self._followed(self._udp, len(self._datagrams.waiting))
 
-    def lines(self, content: bytes) -> list[Frame]:
-        """Bytes of a serial line, whole lines or not."""
-        self._port.waiting += content
+    def lines(self, rng: Random, sound: list[Frame]) -> list[Frame]:
+        genuine = [_line(frame) for frame in sound]
+        made_up = [any_line(rng, rng.choice(genuine)) for _ in range(BATCH - GENUINE)]
+        # A line without its end would take the next one with it: on a serial line that is so.
+        for item in _mixed(rng, genuine, made_up):
+            self._port.waiting += b"\r" + item if item in genuine else item
         frames = self._followed(self._slcan)
         if self._port.waiting or len(self._lines._buffer) > LINE_LIMIT:
             raise AssertionError("serial bytes were left over")
         return frames
 
-    def messages(self, contents: Iterable[can.Message]) -> list[Frame]:
-        self._messages.script.extend(contents)
+    def messages(self, rng: Random, sound: list[Frame]) -> list[Frame]:
+        made_up = [any_message(rng) for _ in range(BATCH - GENUINE)]
+        self._messages.script.extend(_mixed(rng, [to_message(frame) for frame in sound], made_up))
         return self._followed(self._driver, len(self._messages.script))
 
     def _followed(self, bus: PythonCanBus, fed: int | None = None) -> list[Frame]:
@@ -162,7 +168,7 @@ def measure(*, frames: int = 300_000, seed: int = 0) -> dict[str, Any]:
     for batch in track(range(batches), "fuzz", f"batches of {BATCH}"):
         sound = [next(genuine) for _ in range(GENUINE)]
         try:
-            got = (_datagrams, _lines, _messages)[batch % 3](rng, path, sound)
+            got = (path.datagrams, path.lines, path.messages)[batch % 3](rng, sound)
         except Exception as error:  # noqa: BLE001 - what this looks for
             failures.append(f"batch {batch} of seed {seed}: {error!r}")
             got = []
@@ -197,24 +203,6 @@ def _genuine_frames() -> Iterator[Frame]:
         for sender, data in senders:
             frame, key = sender.frame(data, now_ns=number), KEY if sender.spec.is_secured else None
             yield secured(frame, spec=sender.spec, key=key, freshness=Freshness(count=number))
-
-
-def _datagrams(rng: Random, path: ReceivePath, sound: list[Frame]) -> list[Frame]:
-    packed = [pack_message(to_message(frame)) for frame in sound]
-    made_up = [any_datagram(rng, rng.choice(packed)) for _ in range(BATCH - GENUINE)]
-    return path.datagrams(_mixed(rng, packed, made_up))
-
-
-def _lines(rng: Random, path: ReceivePath, sound: list[Frame]) -> list[Frame]:
-    genuine = [_line(frame) for frame in sound]
-    made_up = [any_line(rng, rng.choice(genuine)) for _ in range(BATCH - GENUINE)]
-    # A line without its end would take the next one with it: on a serial line that is so.
-    return path.lines(b"".join(b"\r" + item if item in genuine else item for item in _mixed(rng, genuine, made_up)))
-
-
-def _messages(rng: Random, path: ReceivePath, sound: list[Frame]) -> list[Frame]:
-    made_up = [any_message(rng) for _ in range(BATCH - GENUINE)]
-    return path.messages(_mixed(rng, [to_message(frame) for frame in sound], made_up))
 
 
 def _mixed(rng: Random, genuine: list[Any], made_up: list[Any]) -> list[Any]:

@@ -48,7 +48,7 @@ def test_of_anything_on_the_wire_all_is_counted_and_genuine_frames_arrive(monkey
     with monkeypatch.context() as patch:
         patch.setattr(fuzz, "verified", lambda state, frames, **_: (state, frames, False))
         assert fuzz.measure(frames=6000, seed=3)["authentic_made_up"] > 0
-    monkeypatch.setattr(fuzz, "_lines", lambda rng, path, sound: 1 // 0)
+    monkeypatch.setattr(fuzz.ReceivePath, "lines", lambda path, rng, sound: 1 // 0)
     measured = fuzz.measure(frames=300)
     assert [line.split(":")[0] for line in measured["failures"]] == [f"batch {i} of seed 0" for i in (1, 4)]
     assert (measured["exceptions"], measured["genuine_lost"]) == (2, 10)

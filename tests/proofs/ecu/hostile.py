@@ -27,8 +27,6 @@ STRETCH: Final = 5_000  # periods in which one pair of nodes lives; each stretch
 
 
 class Stretch(NamedTuple):
-    """What one stretch came to."""
-
     periods: int
     broken: Counter[str]  # how often each promise was
     modes: Counter[str]  # the ECU's steps in each

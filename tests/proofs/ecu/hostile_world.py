@@ -72,8 +72,6 @@ KEPT: Final = 100  # old frames that can be replayed
 
 @dataclass(frozen=True, kw_only=True)
 class Events:
-    """What happens in one control period."""
-
     request: bool = True
     pressure: str = "pass"  # fate of the frame, of `FATES`
     command: str = "pass"

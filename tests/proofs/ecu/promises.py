@@ -119,7 +119,6 @@ class EcuJudge:
         self._low_since_fault = self._low_since_power_on = self._raised = False
 
     def judge(self, seen: Seen) -> Iterator[str]:
-        """Names of the promises that a step has broken."""
         assert seen.now_ns is not None
         now_ns, elapsed_ns = seen.now_ns, None if self._step_ns is None else seen.now_ns - self._step_ns
         messages = self._messages(seen.answers)

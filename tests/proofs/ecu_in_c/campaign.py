@@ -4,14 +4,13 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
-from pathlib import Path
 from random import Random
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from tests.proofs.ecu_in_c.edges import Edges
-from tests.proofs.ecu_in_c.library import Layout, Library, sources
+from tests.proofs.ecu_in_c.library import Layout, Library
 from tests.proofs.ecu_in_c.python_twin import Answers, Period, PythonTwin
 from tests.proofs.ecu_in_c.traffic import EDGES, Traffic
 from tests.proofs.ecu_in_c.variants import VARIANTS
@@ -23,21 +22,9 @@ CHUNK: Final = 1_000  # periods that are recorded before C lives through them
 
 
 class Stretch(NamedTuple):
-    """What was lived through by both."""
-
     steps: int
     mismatch: str | None  # at which it ended: variant, seed, period, and fields that differ with both values
     modes: Counter[str]  # periods in each operating mode
-
-
-def build(name: str, folder: Path) -> Library:
-    return Library(sources(VARIANTS[name]), folder / f"{name.replace(' ', '_').replace(',', '')}.so")
-
-
-def traffic(name: str, seed: str, horizon: int) -> Iterator[Period]:
-    source = Traffic(VARIANTS[name], horizon, f"{name} {seed}")
-    while True:
-        yield source.next()
 
 
 def recorded(
@@ -78,11 +65,8 @@ def spoilt(answers: Answers, rng: Random) -> Answers:
 
 def stretch(library: Library, name: str, seed: str, steps: int) -> Stretch:
     """Live through one on both sides, until they differ."""
-    layout = library.layout
-    twin = PythonTwin(VARIANTS[name], layout)
-    periods, modes, done = traffic(name, seed, twin.horizon), Counter[str](), 0
-    rng = Random(f"edges {seed}")
-    edges = Edges(VARIANTS[name], rng) if seed.endswith(MOVED_SEEDS) else None
+    layout, modes, done = library.layout, Counter[str](), 0
+    twin, periods, edges, rng = _begun(name, seed, layout)
     while done < steps:
         count = min(CHUNK, steps - done)
         room, some = recorded(twin, periods, count, edges, rng)
@@ -97,8 +81,12 @@ def stretch(library: Library, name: str, seed: str, steps: int) -> Stretch:
 
 def recording(name: str, seed: str, steps: int, layout: Layout) -> bytes:
     """Periods as bytes, for other programs; with an odd seed, nearly all of them are near an edge."""
+    twin, periods, edges, rng = _begun(name, seed, layout)
+    room, _ = recorded(twin, _begun_anew(periods), steps, edges, rng, NEARLY_ALL)
+    return bytes(layout.ffi.buffer(room))
+
+
+def _begun(name: str, seed: str, layout: Layout) -> tuple[PythonTwin, Iterator[Period], Edges | None, Random]:
     twin, rng = PythonTwin(VARIANTS[name], layout), Random(f"edges {seed}")
     edges = Edges(VARIANTS[name], rng) if seed.endswith(MOVED_SEEDS) else None
-    periods = _begun_anew(traffic(name, seed, twin.horizon))
-    room, _ = recorded(twin, periods, steps, edges, rng, NEARLY_ALL)
-    return bytes(layout.ffi.buffer(room))
+    return twin, Traffic(VARIANTS[name], twin.horizon, f"{name} {seed}"), edges, rng

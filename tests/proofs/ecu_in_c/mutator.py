@@ -57,8 +57,6 @@ def mutated(name: str, preprocessed: str, first: int) -> tuple[str, list[Mutant]
 
 
 class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has no types
-    """Writes C with the mutants of one file in it."""
-
     def __init__(self, file: str, first: int) -> None:
         super().__init__()
         self.mutants: list[Mutant] = []

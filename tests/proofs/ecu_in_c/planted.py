@@ -7,28 +7,24 @@ from typing import Final, NamedTuple
 
 
 class Planted(NamedTuple):
-    """What is wrong, a text that stands in a source once, another one, and the variant in which it can be seen."""
+    """A text that stands in a source once, another one, what is wrong then, and the variant in which it can be seen."""
 
-    what: str
     file: str
     old: str
     new: str
+    what: str = ""
     variant: str = ""
 
     def into(self, sources: Mapping[str, bytes]) -> dict[str, bytes]:
-        return changed(sources, self.file, self.old, self.new)
+        """The sources with the other text; raises ValueError if the old one does not stand there once."""
+        before = sources[self.file].decode()
+        if before.count(self.old) != 1:
+            raise ValueError(f"{self.file}: {self.old!r} stands there {before.count(self.old)} times: must be once")
+        return {**sources, self.file: before.replace(self.old, self.new).encode()}
 
 
-def changed(sources: Mapping[str, bytes], file: str, old: str, new: str) -> dict[str, bytes]:
-    """The sources with another text in place of one; raises ValueError if that does not stand there once."""
-    before = sources[file].decode()
-    if before.count(old) != 1:
-        raise ValueError(f"{file}: {old!r} stands there {before.count(old)} times: must be once")
-    return {**sources, file: before.replace(old, new).encode()}
-
-
-def listed(path: Path) -> tuple[Planted, ...]:
-    return tuple(Planted(**item) for item in tomllib.loads(path.read_text(encoding="utf-8"))["planted"])
+def listed(path: Path, name: str = "planted") -> tuple[Planted, ...]:
+    return tuple(Planted(**item) for item in tomllib.loads(path.read_text(encoding="utf-8"))[name])
 
 
 PLANTED: Final = listed(Path(__file__).with_suffix(".toml"))

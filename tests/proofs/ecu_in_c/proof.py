@@ -47,21 +47,16 @@ def ecu_in_c(
     }
     with tempfile.TemporaryDirectory() as folder:
         figures |= sharpness(Path(folder))
-    facts: dict[str, Any] = {"seed": seed, "variants": list(VARIANTS), "sources_sha256": sources_hash()}
+    everything = hashlib.sha256()
+    for name, content in (pair for config in VARIANTS.values() for pair in sorted(sources(config).items())):
+        if not name.startswith("twin"):
+            everything.update(name.encode() + content)
+    facts: dict[str, Any] = {"seed": seed, "variants": list(VARIANTS), "sources_sha256": everything.hexdigest()[:16]}
     packages = ("numpy", "cffi", "pycparser", "gcovr", "cppcheck")
     report(json_file, "ecu-c", figures, packages=packages, **facts, compiler=compiler_version(host_compiler()))
     wrong = ("mismatches", "modes_missed", "planted_missed", "branches_missed", "survivors_unexplained")
     if any(figures.get(name) for name in (*wrong, "misra_unlisted")):
         raise typer.Exit(1)
-
-
-def sources_hash() -> str:
-    everything = hashlib.sha256()
-    for config in VARIANTS.values():
-        for name, content in sorted(sources(config).items()):
-            if not name.startswith("twin"):
-                everything.update(name.encode() + content)
-    return everything.hexdigest()[:16]
 
 
 def _lived_through(part: range, *, seed: int) -> campaign.Stretch:
@@ -74,7 +69,7 @@ def _lived_through(part: range, *, seed: int) -> campaign.Stretch:
 def _library(name: str) -> Library:
     with tempfile.TemporaryDirectory() as folder:
         # Once it is loaded, the file is not needed any more.
-        return campaign.build(name, Path(folder))
+        return Library(sources(VARIANTS[name]), Path(folder, "ecu.so"))
 
 
 def sharpness(scratch: Path) -> dict[str, Any]:
@@ -87,7 +82,7 @@ def sharpness(scratch: Path) -> dict[str, Any]:
     if branch_coverage.is_possible():
         figures |= branch_coverage.measured(recordings, scratch)
     figures |= mutants.tried(recordings, scratch)
-    if misra.cppcheck() is not None:
+    if misra.CPPCHECK.is_file():
         deviations = misra.deviations()
         figures |= {
             "misra_deviations": sum(deviations.values()),

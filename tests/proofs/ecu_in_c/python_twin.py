@@ -22,7 +22,7 @@ from ecu.ecu_state import EcuState
 from ecu.in_c.c_structs import c_time, fill_frame
 from ecu.sensor_check import SensorCheck
 from tests.proofs.ecu_in_c.library import Layout
-from tests.proofs.ecu_in_c.variants import authentication_of, bundle_of
+from tests.proofs.ecu_in_c.variants import AUTHENTICATION, bundle_of
 
 HYPOTHESES = Hypotheses.of(4)
 
@@ -87,7 +87,7 @@ class PythonTwin:
         self._pressure_id = message_set(config.bus).pressure.spec.frame_id
         plan, forces = np.zeros(self.horizon), np.zeros((self.horizon, FORCES))
         self.networks = Networks(Answers(plan=plan, forces=forces, estimates=np.zeros((34, 4))))
-        self.ecu = Ecu(bundle, self.networks, config, authentication=authentication_of(config))
+        self.ecu = Ecu(bundle, self.networks, config, authentication=AUTHENTICATION if config.bus.key else None)
         figures = bundle.manifest.sensor_estimator
         if config.ecu.sensor_check.enabled and figures is not None:
             # The bundle has figures and no graph: what answers in its place is here.

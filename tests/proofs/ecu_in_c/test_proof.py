@@ -5,9 +5,9 @@ import subprocess
 import pytest
 
 from tests.proofs.ecu_in_c import branch_coverage, campaign
-from tests.proofs.ecu_in_c.library import Layout, sources
+from tests.proofs.ecu_in_c.library import Layout, Library, sources
 from tests.proofs.ecu_in_c.mutator import mutated
-from tests.proofs.ecu_in_c.planted import changed
+from tests.proofs.ecu_in_c.planted import Planted
 from tests.proofs.ecu_in_c.variants import VARIANTS
 
 SMALL = """# 1 "small.c"
@@ -36,7 +36,7 @@ def test_each_operator_condition_constant_and_statement_has_its_mutants():
 @pytest.mark.compiler
 def test_both_answer_alike_to_forged_repeated_and_damaged_frames(tmp_path):
     name = "authenticated, at all speeds"
-    found = campaign.stretch(campaign.build(name, tmp_path), name, "0", 400)
+    found = campaign.stretch(Library(sources(VARIANTS[name]), tmp_path / "ecu.so"), name, "0", 400)
     assert found.mismatch is None, found.mismatch
     assert found.modes.keys() >= {"CONTROL", "HOLD", "FAULT"}
 
@@ -48,8 +48,8 @@ SANITISERS = (
 LONG_WINDOWS = "late actuator, long windows"
 SANITISED = (LONG_WINDOWS, "quick to doubt", "classic, impatient", "authenticated")
 FAULTS = (
-    ("sw_fail_safe.c", "UINT64_MAX >> (64 - SW_LOSS_WINDOW)", "(1ull << SW_LOSS_WINDOW) - 1u", "shift exponent 64"),
-    ("sw_memory.c", "k + 1 < SW_WINDOW; k++", "k < SW_WINDOW; k++", "out of bounds"),
+    Planted("sw_fail_safe.c", "UINT64_MAX >> (64 - SW_LOSS_WINDOW)", "(1ull << SW_LOSS_WINDOW) - 1u", "exponent 64"),
+    Planted("sw_memory.c", "k + 1 < SW_WINDOW; k++", "k < SW_WINDOW; k++", "out of bounds"),
 )
 
 
@@ -75,7 +75,7 @@ def test_sanitisers_find_what_is_planted_and_nothing_else(names, faults, periods
     for name, recording in recordings.items():
         done = sanitised(name, recording, tmp_path / name)
         assert (done.returncode, done.stderr, done.stdout) == (0, "", f"{periods} periods\n"), name
-    for file, old, new, complaint in faults:
-        contents = changed(sources(VARIANTS[LONG_WINDOWS]), file, old, new)
-        done = sanitised(LONG_WINDOWS, recordings[LONG_WINDOWS], tmp_path / file, contents)
-        assert done.returncode != 0 and complaint in done.stderr, file
+    for fault in faults:
+        contents = fault.into(sources(VARIANTS[LONG_WINDOWS]))
+        done = sanitised(LONG_WINDOWS, recordings[LONG_WINDOWS], tmp_path / fault.file, contents)
+        assert done.returncode != 0 and fault.what in done.stderr, fault

@@ -5,6 +5,7 @@ follows here is beyond it: frames of the ECU's own identifiers, of other nodes a
 under a sound CRC, times at the ends of what C can hold, faults from outside, sensors that lie, and estimates that do.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import cycle
 from random import Random
@@ -15,8 +16,7 @@ import numpy as np
 from can_bridge.bus.interface import BusHealth, BusState
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, MAX_EXTENDED_ID, MAX_FRAME_ID, Frame
-from can_bridge.wire.message_sets import SETS, MessageSet, message_set
-from can_bridge.wire.message_specs import MessageSpec
+from can_bridge.wire.message_sets import SETS, message_set
 from can_bridge.wire.messages import Pressure, Reason
 from contract.arrays import Array
 from contract.config.tree import Config
@@ -41,14 +41,14 @@ _WILD: Final = (np.nan, np.inf, -np.inf, 3.4e38, -3.4e38, 1e-45, 0.0, -0.0, 1.0)
 _LARGE: Final = (0, 1, 127, 255, 256, 65_535, 2**32 - 1)
 
 
-class Traffic:
-    """Periods drawn from a seed; H of the plans is `horizon`."""
+class Traffic(Iterator[Period]):
+    """Periods drawn from a seed, without an end; H of the plans is `horizon`."""
 
     def __init__(self, config: Config, horizon: int, seed: str) -> None:
         self._events, self._rng = RandomEvents(seed), Random(seed)
         self._numbers = np.random.default_rng(self._rng.getrandbits(64))
-        self._messages: MessageSet = message_set(config.bus)
-        self._spec: MessageSpec = self._messages.pressure.spec
+        self._messages = message_set(config.bus)
+        self._spec = self._messages.pressure.spec
         self._profile: Any = profile_of(self._spec)
         self._pascal, self._limit = config.operating_point.dynamic_pressure, self._messages.pressure_limit_pa
         bundle = bundle_of(config)
@@ -62,7 +62,7 @@ class Traffic:
         self._lie, self._liars, self._stuck = "", (0, 1), np.zeros(4)
         self._updating, self._restarts = 0, True
 
-    def next(self) -> Period:
+    def __next__(self) -> Period:
         rng = self._rng
         events = self._events.next(self._now_ns)
         odd = self._events.hostility
@@ -79,11 +79,14 @@ class Traffic:
         if self._drive is not None:
             self._drive.move(odd)
             self._pascal = self._drive.dynamic_pressure
-            self._state_speed(self._drive, events, now_ns, odd)
+            speed = self._drive.frame(now_ns, events.queued_ns, odd)
+            item = None if speed is None else Delivered(speed, None)
+            arrived = self._speed_path.carried(item, events.command, self._number, Random(events.chance))
+            self._inbox += [one.frame for one in arrived]
         self._sample(events, cp, now_ns, odd)
         self._number += 1
         if not events.steps:
-            return self.next()
+            return next(self)
         self._now_ns = now_ns
         frames, self._inbox = self._inbox[:FRAMES], []
         self._age_health(events, odd)
@@ -187,13 +190,6 @@ class Traffic:
             self._inbox.append(self._stamped(item.frame, now_ns, events.queued_ns, odd))
         while rng.random() < odd / 3:
             self._inbox.insert(rng.randrange(len(self._inbox) + 1), self._other(now_ns, odd))
-
-    def _state_speed(self, drive: Drive, events: Events, now_ns: int, odd: float) -> None:
-        """The frame with the vehicle's speed on its way, into the inbox."""
-        frame = drive.frame(now_ns, events.queued_ns, odd)
-        item = None if frame is None else Delivered(frame, None)
-        for one in self._speed_path.carried(item, events.command, self._number, Random(events.chance)):
-            self._inbox.append(one.frame)
 
     def _protected(self, data: bytes, counter: int, odd: float) -> Frame:
         spec = self._spec

@@ -72,11 +72,8 @@ AIR_SPEED: Final = tuple(((number * 7) % 11 - 5.5) / 40 for number in range(weig
 KEY: Final = Key(bytes(range(1, 17)))
 HEARD: Final = {SECURED.pressure.spec.frame_id: 5 << 32 | 40, SECURED.speed.spec.frame_id: 5 << 32 | 7}
 """Freshness values of an earlier power cycle."""
-
-
-def authentication_of(config: Config) -> Authentication | None:
-    """What an ECU is given of the bus' key; `twin.c` gives the same."""
-    return Authentication(key=KEY, trip=7, heard=HEARD) if config.bus.key else None
+AUTHENTICATION: Final = Authentication(key=KEY, trip=7, heard=HEARD)
+"""What an ECU is given of the bus' key; `twin.c` gives the same."""
 
 
 DEVIATION: Final = 0.02  # deviation of sound sensors' residuals in Cp, which the traffic's estimates have

@@ -80,7 +80,7 @@ class Finding(NamedTuple):
 
 @dataclass
 class Tally:
-    """What came of the cases, which are told to `report`."""
+    """What came of the cases, each told to `report`."""
 
     cases: Counter[int] = field(default_factory=Counter)  # by depth
     findings: list[Finding] = field(default_factory=list)
@@ -88,17 +88,14 @@ class Tally:
     boots: int = 0  # each checks the image that it boots
     report: Callable[[str], None] | None = None
 
-    def add(self, other: "Tally") -> None:
-        self.cases += other.cases
-        self.findings += other.findings
-        self.boots += other.boots
-        self.operations = max(self.operations, other.operations)
-
     def boot(self, case: Case, place: FolderPlace, before: str) -> StoreEcu:
         ecu = StoreEcu(place.backing)
         self.boots += 1
         if self.report is not None:
-            self.report(f"{name_of(case)}: {before}; booted: {_in_words(ecu)}")
+            booted = "no slot" if ecu.boot.slot is None else ecu.boot.slot.name
+            slots = zip(Slot, ecu.store.state.slots, strict=True)
+            states = ", ".join(f"{slot.name} {one.phase.name} {one.received}/{one.length}" for slot, one in slots)
+            self.report(f"{name_of(case)}: {before}; booted: {booted}, {ecu.boot.reason.in_words}; {states}")
         return ecu
 
 
@@ -209,13 +206,6 @@ def _release_in(place: FolderPlace, slot: Slot, length: int) -> int | None:
     return next((version for version in (OLD, NEW) if content == shipped(version)), None)
 
 
-def _in_words(ecu: StoreEcu) -> str:
-    booted = "no slot" if ecu.boot.slot is None else ecu.boot.slot.name
-    slots = zip(Slot, ecu.store.state.slots, strict=True)
-    states = [f"{slot.name} {state.phase.name} {state.received}/{state.length}" for slot, state in slots]
-    return f"{booted}, {ecu.boot.reason.in_words}; {', '.join(states)}"
-
-
 def main(
     json_file: JsonFile = None,
     replay: Annotated[str, typer.Option(help="Play one case again, such as 0.123.45.")] = "",
@@ -235,21 +225,21 @@ def main(
     of = -(-operations // (PIECE * every))
     pieces = [(seed, number) for seed in range(seeds) for number in range(0, of * every, every)]
     work = partial(run_piece, of=of * every, share=second_cuts / operations)
-    total = Tally()
-    for tally in track(spread(work, pieces, workers), "cuts", "parts", len(pieces)):
-        total.add(tally)
-    lost = Counter(finding.kind for finding in total.findings)
+    tallies = list(track(spread(work, pieces, workers), "cuts", "parts", len(pieces)))
+    cases = sum((one.cases for one in tallies), Counter[int]())
+    findings = [finding for one in tallies for finding in one.findings]
+    lost = Counter(finding.kind for finding in findings)
     figures = {
-        "operations": total.operations, "cuts_depth_1": total.cases[1], "cuts_depth_2": total.cases[2],
-        "boots": total.boots, **{kind: lost[kind] for kind in KINDS},
-        "cases_lost": [name_of(finding.case) for finding in total.findings][:20],
+        "operations": operations, "cuts_depth_1": cases[1], "cuts_depth_2": cases[2],
+        "boots": sum(one.boots for one in tallies), **{kind: lost[kind] for kind in KINDS},
+        "cases_lost": [name_of(finding.case) for finding in findings][:20],
         "seconds_proof": perf_counter() - began,
     }  # fmt: skip
     facts: dict[str, Any] = {"every": every, "seeds": seeds, "second_cuts": second_cuts, "workers": workers}
     report(json_file, "flash", figures, packages=("stillwake", "onnxruntime", "cryptography", "udsoncan"), **facts)
-    if total.findings:
-        case, kind, text = total.findings[0]
-        raise StillwakeError(f"{len(total.findings)} findings, the first: {name_of(case)}, {kind}: {text}")
+    if findings:
+        case, kind, text = findings[0]
+        raise StillwakeError(f"{len(findings)} findings, the first: {name_of(case)}, {kind}: {text}")
 
 
 def run_piece(piece: tuple[int, int], *, of: int, share: float) -> Tally:

@@ -23,7 +23,6 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def operations() -> int:
-    """Calls of the whole sequence."""
     return walk(0, lambda number: False).operations
 
 

@@ -17,9 +17,6 @@ from tests.proofs.loader_in_c.node_library import BUSY, DRIVES_JETS, WAITS, WANT
 from tests.proofs.loader_in_c.node_twin import MS, TEXTS, World, frame_to, pressures
 from tests.proofs.loader_in_c.store_library import rules
 
-_PENDING: Final = 0x78
-_MOST: Final = 3000  # looks that an answer may take
-
 
 class Slow:
     """A node with release "one", and a tester; a look is a millisecond."""
@@ -54,9 +51,9 @@ class Slow:
         """Answers, with the looks that each took."""
         self.end.send(request)
         found = list[tuple[int, bytes]]()
-        for count in range(_MOST):
+        for count in range(3000):
             found += [(count, answer) for answer in self.look()]
-            if found and not (found[-1][1][0] == 0x7F and found[-1][1][2] == _PENDING):
+            if found and not (found[-1][1][0] == 0x7F and found[-1][1][2] == 0x78):
                 return found
         raise AssertionError((request.hex(), found))
 

@@ -10,8 +10,7 @@ import io
 import re
 import subprocess
 import tempfile
-from collections import defaultdict
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -19,11 +18,12 @@ import capstone
 import typer
 from elftools.elf.elffile import ELFFile
 
+from benchmarks.controller.bounds import deepest
+from benchmarks.controller.whole_program import Calls
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from ecu.c.sources import loader_sources
-from ecu.in_c.compiler import zig_compiler
-from firmware_sim.mcu.build import BARE
+from firmware_sim.mcu.build import BARE, compile_with_zig
 from tests.can_bridge.flashing.releases import keys
 from tests.can_bridge.flashing.store_ecu import SECRET
 from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, report
@@ -51,12 +51,9 @@ def main(
     records: Annotated[int, typer.Option(help="Forged records, and as many logs of records.", min=1)] = 10_000,
     seconds: Annotated[int, typer.Option(help="Second cuts in the recovery from each first one.", min=0)] = 2,
     eighths: Annotated[int, typer.Option(help="Of all operations, in which the supply is cut.", min=1, max=8)] = 8,
-    faults: Annotated[bool, typer.Option(help="Plant faults in the store, and count its branches, too.")] = True,
 ) -> None:
     """Compare the store in C with the Python store, cut its power, and fuzz it; nothing may differ or be lost."""
-    sizes_of: dict[str, Any] = {
-        "images": images, "calls": calls, "records": records, "seconds": seconds, "eighths": eighths, "faults": faults,
-    }  # fmt: skip
+    sizes_of: dict[str, Any] = dict(images=images, calls=calls, records=records, seconds=seconds, eighths=eighths)
     storage = storage_figures(seed=seed, processes=processes, **sizes_of)
     differences, compared = list[str](), 0
     with tempfile.TemporaryDirectory() as name:
@@ -123,7 +120,8 @@ def sizes(folder: Path) -> dict[str, Any]:
     flash, ram = _memory(_linked(folder, OTHERS["without XCP"]))
     image = _linked(folder, CONFIGS["fd"])
     more_flash, more_ram = _memory(image)
-    depth, chain = _deepest(image)
+    # What is called of the ECU takes no stack here.
+    depth, chain = deepest(_calls(image), "start", 0)
     kib = {
         "loader_flash_kib": flash, "loader_ram_kib": ram, "xcp_flash_kib": more_flash - flash,
         "xcp_ram_kib": more_ram - ram,
@@ -145,19 +143,14 @@ def _linked(folder: Path, config: Config) -> Any:
     own = Path(__file__).with_name("c").joinpath("node_sizes.c").read_bytes()
     compiled = {name for name in loader_sources() if name.endswith(".c")} | {"sw_aes.c", "sw_cmac.c"}
     contents = {name: content for name, content in contents.items() if name.endswith(".h") or name in compiled}
-    for name, content in (contents | {"node_sizes.c": own}).items():
-        (folder / name).write_bytes(content)
-    flags = [item for item in BARE if item != "-T"]
-    command = [
-        *(zig_compiler() or []), "-Os", "-g", "-std=c99", *flags, "-mcpu=cortex_m7", "-Wl,-e,start",
-        *sorted(compiled), "node_sizes.c", "-o", "loader.elf",
-    ]  # fmt: skip
-    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    flags = ("-Os", "-g", *(item for item in BARE if item != "-T"), "-mcpu=cortex_m7", "-Wl,-e,start")
+    # By its name the last one to be linked: the order counts for a few bytes.
+    compile_with_zig(contents | {"the_sizes.c": own}, folder / "loader.elf", flags)
     return ELFFile(io.BytesIO((folder / "loader.elf").read_bytes()))
 
 
-def _deepest(elf: Any) -> tuple[int, list[str]]:
-    """Bytes of stack at most below `start`, and the chain of functions; what is called of the ECU takes none here."""
+def _calls(elf: Any) -> Calls:
+    """Bytes of stack that each function takes, and what it calls, read from the instructions."""
     text = elf.get_section_by_name(".text")
     functions = {
         item["st_value"] & ~1: (item.name, item["st_size"])
@@ -166,27 +159,19 @@ def _deepest(elf: Any) -> tuple[int, list[str]]:
     }
     machine = capstone.Cs(capstone.CS_ARCH_ARM, capstone.CS_MODE_THUMB + capstone.CS_MODE_MCLASS)
     machine.skipdata = machine.detail = True
-    frames, calls = dict[int, int](), defaultdict[int, set[int]](set)
-    pointed_at = {address for address, (name, _) in functions.items() if _POINTED_AT.fullmatch(name)}
-    ending = {address for address in pointed_at if functions[address][0] == "end_session"}
+    stack, calls = dict[str, int](), dict[str, set[str]]()
+    pointed_at, ending = {name for name, _ in functions.values() if _POINTED_AT.fullmatch(name)}, {"end_session"}
     for address, (name, size) in functions.items():
         start = address - text["sh_addr"]
-        frames[address] = 0
+        stack[name], calls[name] = 0, set()
         for line in machine.disasm(text.data()[start : start + size], address):
             kind = line.mnemonic.split(".")[0]
             if kind in ("push", "vpush"):
-                frames[address] += len(line.operands) * (8 if kind == "vpush" else 4)
+                stack[name] += len(line.operands) * (8 if kind == "vpush" else 4)
             elif kind in ("sub", "subw") and (found := _STACK.match(line.op_str)):
-                frames[address] += int(found[1], 0)
+                stack[name] += int(found[1], 0)
             elif line.op_str.startswith("#") and (target := int(line.op_str[1:], 0) & ~1) in functions:
-                calls[address] |= {target} - {address}
+                calls[name] |= {functions[target][0]} - {name}
             elif kind in ("blx", "bx") and line.op_str != "lr" and name.startswith("sw_uds"):
-                calls[address] |= ending if name == "sw_uds_change_session" else pointed_at - ending
-
-    @cache
-    def below(address: int) -> tuple[int, tuple[str, ...]]:
-        deepest = max((below(target) for target in calls[address]), default=(0, ()))
-        return frames[address] + deepest[0], (functions[address][0], *deepest[1])
-
-    depth, chain = below(next(address for address, (name, _) in functions.items() if name == "start"))
-    return depth, list(chain)
+                calls[name] |= ending if name == "sw_uds_change_session" else pointed_at - ending
+    return Calls(stack=stack, calls=calls, unresolved=())

@@ -107,10 +107,10 @@ def is_found(item: Planted, folder: Path) -> bool:
 
 
 def storage_figures(
-    *, seed: int, processes: int, images: int, calls: int, records: int, seconds: int, eighths: int, faults: bool
+    *, seed: int, processes: int, images: int, calls: int, records: int, seconds: int, eighths: int
 ) -> dict[str, Any]:
     """All figures: of altered images, random calls, forged records and as many logs, a supply cut in `eighths` of the
-    memory's operations and `seconds` times in the recovery from each; with `faults`, of planted ones and branches."""
+    memory's operations and `seconds` times in the recovery from each, planted faults, and branches."""
     cuts, findings, verdicts, different = Counter[str](), list[str](), Counter[str](), list[str]()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -123,16 +123,15 @@ def storage_figures(
         for counts, found in in_parts(partial(_judged, program, seed), images, _IMAGES, processes, "images"):
             verdicts.update(counts)
             different += found
-        planted = track(PLANTED if faults else (), "planted", "faults")
         figures: dict[str, Any] = {
             **cuts, "first_findings": findings[:10], "calls": called,
             "forged_records": sum(one for one, _ in tried), "forged_that_run": sum(one for _, one in tried),
             "forged_logs": sum(one for one, _ in tried), "images": images,
             "image_verdicts": dict(verdicts), "image_mismatches": len(different),
-            "planted": len(PLANTED) if faults else 0,
-            "planted_missed": [one.what for one in planted if not is_found(one, folder)],
+            "planted": len(PLANTED),
+            "planted_missed": [one.what for one in track(PLANTED, "planted", "faults") if not is_found(one, folder)],
         }  # fmt: skip
-        if faults and is_possible():
+        if is_possible():
             figures |= branch_figures(folder / "branches")
     return figures
 

@@ -12,30 +12,13 @@ from can_bridge.uds.fault_memory import AGED_CYCLES, CODES, SNAPSHOT_BYTES
 from can_bridge.wire.messages import Reason
 from ecu.fail_safe import OperatingMode
 from tests.proofs.ecu_in_c.branch_coverage import branches
-from tests.proofs.ecu_in_c.planted import changed
+from tests.proofs.ecu_in_c.planted import listed
 from tests.proofs.loader_in_c.node_library import QUICK, Library, build, sources
 from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, Twins, as_in_c, world
 
-FILE = "sw_faults.c"
 LOST = CODES[Reason.STREAM_LOST].to_bytes(3, "big")
 REPORTS = (*map(bytes.fromhex, ["1901ff", "190100", "1902ff", "190200", "190a"]), b"\x19\x04" + LOST + b"\x01")
-PLANTED = (
-    ("age >= SW_AGED_CYCLES", "age > SW_AGED_CYCLES"),
-    ("const uint32_t age =", "const uint8_t age = (uint8_t)"),
-    ("fault->age = 0;\n}\n\nstatic void begin", "}\n\nstatic void begin"),
-    ("status &= ~PENDING;", ""),
-    ("(fault->status & FAILED_THIS_CYCLE) == 0u", "1"),
-    ("status |= NOT_COMPLETED_THIS_CYCLE;", ""),
-    (" && !faults->request->drives_jets", ""),
-    ("if (faults->request->drives_jets) return", "if (0) return"),
-    ("faults->has_latest = 0;", ""),
-    ("group == ALL_GROUPS || i == place", "1"),
-    ("fail_safe->mode == faults->was && !is_first", "fail_safe->mode == faults->was"),
-    (" && !fails_again", ""),
-    ("faults->was = state->fail_safe.mode;", ""),
-    ("== sw_crc32(0, record, BODY_END)", "!= 0u"),
-    (" && !sw_store_is_erasing(faults->store)", ""),
-)
+PLANTED = listed(Path(__file__).with_name("faults_planted.toml"))
 
 
 class Course:
@@ -81,7 +64,6 @@ class Course:
 
 
 def live(of: Any, library: Library) -> None:
-    """The course; AssertionError where the two differ."""
     course = Course(of)
     course.into_control()
     course.reports()
@@ -184,8 +166,7 @@ def test_both_live_alike_through_every_branch_and_a_planted_fault_is_found(tmp_p
     contents = sources(CONFIGS["fd"]) | {own.name: own.read_bytes()}
     covered = lives(contents, tmp_path / "covered", "covered", (*QUICK, "--coverage", "-DHOST_COVERAGE"))
     covered.c.host_dump()
-    assert [at for file, at, counts in branches(tmp_path / "covered") if file == FILE and 0 in counts] == []
-    for number, (old, new) in enumerate(PLANTED):
-        spoilt = changed(contents, FILE, old, new)
+    assert [at for file, at, counts in branches(tmp_path / "covered") if file == "sw_faults.c" and 0 in counts] == []
+    for number, fault in enumerate(PLANTED):
         with pytest.raises(AssertionError):
-            lives(spoilt, tmp_path / "planted", f"planted_{number}", (*QUICK, "-w"))
+            lives(fault.into(contents), tmp_path / "planted", f"planted_{number}", (*QUICK, "-w"))

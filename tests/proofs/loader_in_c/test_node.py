@@ -3,8 +3,8 @@
 from collections import Counter
 from collections.abc import Sequence
 from functools import partial
-from itertools import count
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import Any
 from unittest.mock import patch
 
@@ -24,7 +24,7 @@ from can_bridge.uds.services import Session
 from can_bridge.wire.frame import Frame
 from contract.errors import ConfigError
 from tests.proofs.ecu_in_c.branch_coverage import branches, is_possible, without_reason
-from tests.proofs.ecu_in_c.planted import changed
+from tests.proofs.ecu_in_c.planted import Planted, listed
 from tests.proofs.loader_in_c.node_library import QUICK, SESSION, Library, build, sources
 from tests.proofs.loader_in_c.node_plans import confirmations, overtaken
 from tests.proofs.loader_in_c.node_program import play, play_plan
@@ -55,63 +55,15 @@ PLANTED_IN_PYTHON = (
 )
 """Owner, name, and what stands there instead: defects of the Python ECU, which the one in C does not have."""
 MOST_SEEDS = 400
-PLANTED = (
-    ("sw_services.c", "if (counter != transfer->expected) return SW_NRC_WRONG_BLOCK_COUNTER;", ""),
-    ("sw_access.c", "if (access->asked != level) return SW_NRC_SEQUENCE_ERROR;\n    access->asked = 0;", ""),
-    ("sw_uds.c", "uds->now_ns + FIRST_PENDING_NS;", "uds->now_ns + NEXT_PENDING_NS;"),
-    ("sw_services.c", "if (uds->session != SW_SESSION_DEFAULT) {", "if (0) {"),
-    ("sw_uds.c", "sw_access_lock(&uds->access);", ""),
-    ("sw_uds.c", "sw_isotp_is_receiving(uds->isotp) || ", ""),
-    ("sw_uds.c", " || sw_isotp_is_sending(uds->isotp)", ""),
-    ("sw_access.c", "if (count < SW_ACCESS_ATTEMPTS)", "if (count <= SW_ACCESS_ATTEMPTS)"),
-    ("sw_access.c", "if (access->unlocked == level) return 0;", ""),
-    ("sw_isotp.c", "end->next_number = (uint8_t)((end->next_number + 1u) % NUMBERS);", "end->next_number++;"),
-    ("sw_isotp.c", "if (end->answer == FLOW_CONTINUE && end->wanted == 0u) end->answer = NO_ANSWER;", ""),
-    ("sw_isotp.c", "end->not_before_ns = now_ns + end->separation_ns;", "end->not_before_ns = now_ns;"),
-    ("sw_isotp.c", "if (end->left_in_block == 0u) wait_for_flow(end, now_ns);", ""),
-    ("sw_uds.c", "if (!uds->is_functional || !is_unsent(code)) send_negative", "send_negative"),
-    ("sw_isotp.c", "return frame->data[0] >> 4 == SINGLE ? single_of(frame, message) : 0u;",
-     "return single_of(frame, message);"),
-    ("sw_services.c", "if (is_last) return SW_UDS_DONE;", ""),
-    ("sw_services.c", "transfer->state = SW_TRANSFER_CLOSED;", ""),
-    ("sw_services.c", "if (number == SW_ROUTINE_ERASE) services->transfer.state = SW_NO_TRANSFER;", ""),
-    ("sw_uds.c", "uds->is_quiet = 0;\n        uds->is_functional", "uds->is_functional"),
-    ("sw_programming.c", "if (code == 0u) code = sw_store_refusal(", "code = sw_store_refusal("),
-    ("sw_programming.c", "if (code == 0u) code = ended(", "code = ended("),
-    ("sw_programming.c", "programming->is_updating = 1;", ""),
-    ("sw_programming.c", "programming->has_confirmed = 0;", "programming->has_confirmed = 1;"),
-    ("sw_programming.c", "if (programming->has_passed) code = ", "code = "),
-    ("sw_programming.c", "has_passed = 0;\n    programming->has_confirmed", "has_confirmed"),
-    ("sw_programming.c", "    programming->has_passed = 0;\n    if", "    if"),
-    ("sw_programming.c", "if (is_again) return SW_UDS_DONE;", ""),
-    ("sw_calibrating.c", "if (calibrating->request->drives_jets) return SW_NRC_CONDITIONS_NOT_CORRECT;", ""),
-    ("sw_calibrating.c", "calibrating->working = calibrating->release;\n            ", ""),
-    ("sw_node.c", "services->uds.wants_reset ? SW_REASON_UPDATING : SW_REASON_NONE", "SW_REASON_NONE"),
-    ("sw_node.c", "if (was_busy || requests == 0u || !sw_uds_is_busy(uds)) sw_uds_tick", "sw_uds_tick"),
-    ("sw_programming.c", "is_within(output->plan[k], most + SLACK)", "is_within(output->plan[k], FLT_MAX)"),
-    ("sw_node.c", "SW_REASON_NO_RELEASE", "SW_REASON_INTERNAL"),
-    ("sw_xcp.c", "if (commands[i].is_protected && !xcp->access.is_unlocked) return SW_XCP_ERROR_ACCESS_LOCKED;", ""),
-    ("sw_xcp.c", "if (code == SW_XCP_ERROR_ACCESS_LOCKED) end(xcp);", ""),
-    ("sw_calibrating.c", "    calibrating->page = SW_PAGE_WORKING;\n", ""),
-    ("sw_daq.c", "measured->mode = mode;", "measured->mode = ecu->state.fail_safe.mode;"),
-    ("sw_daq.c", "beside(daq) + bytes > MOST_IN_ODT", "bytes > MOST_IN_ODT"),
-    ("sw_xcp_access.c", "    access->has_seed = 1;\n", ""),
-    ("sw_xcp_access.c", "if (!sw_bytes_equal(right, access->key, SW_ANSWER_BYTES)) return", "if (0) return"),
-    ("sw_xcp_memory.c", "if (memory->page != SW_PAGE_WORKING) return SW_XCP_ERROR_WRITE_PROTECTED;", ""),
-    ("sw_xcp_memory.c", "if ((mode & SW_XCP_XCP_MODE) != 0u) memory->page", "memory->page"),
-    ("sw_xcp_memory.c", "if (data[4] == SW_PAGE_REFERENCE) return SW_XCP_ERROR_WRITE_PROTECTED;", ""),
-    ("sw_xcp_memory.c", "memory->address += count;", ""),
-)  # fmt: skip
-"""Faults in C: file, text that stands there once, and what stands there instead."""
+PLANTED = listed(Path(__file__).with_name("node_planted.toml"))
 
 
-def noticed(fault: tuple[str, str, str], folder: Path) -> bool:
+def noticed(fault: Planted, folder: Path) -> bool:
     """Whether the comparison fails with it; raises ValueError if the sources no longer have the place."""
     for kind, config in CONFIGS.items():
-        contents = changed(sources(config), *fault)
-        # A library that is loaded stays: each needs a name of its own. A planted fault may look odd to the compiler.
-        name = next(name for name in map("{}.so".format, count()) if not (folder / kind / name).exists())
-        of = world(kind, Library(contents, build(contents, folder / kind, name, (*QUICK, "-w"))))
+        contents = fault.into(sources(config))
+        # A library that is loaded stays: each needs a path of its own. A planted fault may look odd to the compiler.
+        of = world(kind, Library(contents, build(contents, Path(mkdtemp(dir=folder)), "node.so", (*QUICK, "-w"))))
         seeds = range(MOST_SEEDS)
         if play_plan(of, confirmations(of)).differences or any(play(of, seed).differences for seed in seeds):
             return True
@@ -229,7 +181,7 @@ def test_a_slow_memory_and_a_full_controller_are_waited_for(of: World) -> None:
 
 
 @pytest.mark.parametrize("faults", [PLANTED[1:2], pytest.param(PLANTED, marks=pytest.mark.proofs)])
-def test_planted_faults_are_noticed(faults: tuple[tuple[str, str, str], ...], tmp_path: Path) -> None:
+def test_planted_faults_are_noticed(faults: tuple[Planted, ...], tmp_path: Path) -> None:
     assert [fault for fault in faults if not noticed(fault, tmp_path)] == []
 
 

@@ -5,7 +5,6 @@ the exported C that is changed in a copy: the exploration must find it.
 """
 
 import subprocess
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -25,7 +24,7 @@ from ecu.fail_safe import FailSafe, OperatingMode, PeriodInputs
 from ecu.in_c import compiler
 from tests.proofs.command_line import JsonFile, report
 from tests.proofs.ecu_in_c import library
-from tests.proofs.ecu_in_c.planted import Planted, changed
+from tests.proofs.ecu_in_c.planted import Planted, listed
 from tests.proofs.ecu_in_c.variants import UNCHECKED
 
 SOURCE: Final = "sw_fail_safe.c"
@@ -40,8 +39,6 @@ SETTINGS: Final = {
     "their number": EcuConfig(hold_periods=2, decay_periods=2, rearm_frames=2, loss_window=5, loss_limit=3),
 }
 """Lengths of hold, decay and re-arming, and limits: as large as is needed for every row of the table."""
-LENGTHS: Final = ("hold_periods", "decay_periods", "rearm_frames", "loss_window", "loss_limit")
-"""The settings that the table depends on."""
 
 
 class ViolationError(AssertionError):
@@ -50,8 +47,6 @@ class ViolationError(AssertionError):
 
 @dataclass(frozen=True)
 class Witness:
-    """What has been seen from outside."""
-
     latched: bool = True  # no control was begun since power-on, or since the latest fault
     asked: int = 0  # usable periods in a row that a fault asks for before it may end; 0 at power-on
     good: int = 0  # usable periods in a row since the fault, up to those that are asked for
@@ -100,12 +95,12 @@ class Witness:
 class Pair:
     """The table in C and in Python with the same settings; with a `change` in C, that one alone."""
 
-    def __init__(self, config: EcuConfig, folder: Path, change: tuple[str, str] | None = None) -> None:
+    def __init__(self, config: EcuConfig, folder: Path, change: Planted | None = None) -> None:
         contents = library.sources(Config(ecu=replace(config, sensor_check=UNCHECKED)))
         kept = {name: content for name, content in contents.items() if name.endswith(".h")}
         kept |= {SOURCE: contents[SOURCE], STEP: Path(__file__).with_name("c").joinpath(STEP).read_bytes()}
         if change is not None:
-            kept = changed(kept, SOURCE, *change)
+            kept = change.into(kept)
         # A path that was loaded before would give the library that was there.
         path = Path(mkdtemp(dir=folder), "fail_safe.so")
         compiler.compile_c(kept, path, compiler=compiler.host_compiler(), flags=(*library.SHARED, "-w"))
@@ -216,7 +211,7 @@ def _after(pair: Pair, state: FailSafe, requests: Sequence[bool | None]) -> Fail
     return state
 
 
-SABOTAGE: Final = tomllib.loads(Path(__file__).with_name("sabotage.toml").read_text(encoding="utf-8"))
+SABOTAGE: Final = {part: listed(Path(__file__).with_name("sabotage.toml"), part) for part in ("fail_safe", "flashing")}
 _FEW: Final = 1_500  # states in which a sabotage of flashing has to be found
 _COMPILED: Final = (
     "sw_hashes.c", "sw_records.c", "sw_release.c", "sw_store.c", "sw_store_judge.c", "sw_store_kept.c",
@@ -247,14 +242,14 @@ def explored_flashing(folder: Path, most: int = 2**31, contents: Mapping[str, by
     return {name: int(count) for name, count in (line.split() for line in done.stdout.splitlines())}
 
 
-def found(part: str, one: dict[str, str], folder: Path) -> str:
+def found(part: str, one: Planted, folder: Path) -> str:
     """What the exploration says to a changed line of this part; "" if it finds nothing."""
     try:
         if part == "flashing":
-            explored_flashing(folder, _FEW, Planted(**one).into(store_sources()))
+            explored_flashing(folder, _FEW, one.into(store_sources()))
         else:
             for config in SETTINGS.values():
-                explored_fail_safe(Pair(config, folder, (one["old"], one["new"])))
+                explored_fail_safe(Pair(config, folder, one))
     except ViolationError as error:
         text = str(error)
         return text.splitlines()[-1].partition(": ")[2] if part == "flashing" else text.partition(", after")[0]
@@ -271,13 +266,14 @@ def main(json_file: JsonFile = None) -> None:
         parts["fail_safe"] = {key: sum(one[key] for one in of_settings) for key in of_settings[0]}
         parts["flashing"] = explored_flashing(folder)
         sabotaged = [
-            {"part": part, "what": one["what"], "found": found(part, one, folder)}
+            {"part": part, "what": one.what, "found": found(part, one, folder)}
             for part in parts
             for one in track(SABOTAGE[part], part, "sabotages")
         ]
     counts = {"sabotage": len(sabotaged), "sabotage_found": sum(bool(one["found"]) for one in sabotaged)}
     figures = {**parts, **counts, "sabotaged": sabotaged}
-    settings = {name: {key: getattr(one, key) for key in LENGTHS} for name, one in SETTINGS.items()}
+    lengths = ("hold_periods", "decay_periods", "rearm_frames", "loss_window", "loss_limit")
+    settings = {name: {key: getattr(one, key) for key in lengths} for name, one in SETTINGS.items()}
     facts: dict[str, Any] = {"settings": settings, "sector_bytes": SECTOR}
     report(json_file, "models", figures, packages=("stillwake",), shown=(*parts, "sabotage_found"), **facts)
     if missed := [one["what"] for one in sabotaged if not one["found"]]:

@@ -22,7 +22,7 @@ from fnmatch import fnmatch
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -31,7 +31,7 @@ from contract.errors import StillwakeError
 from stillwake.console.outputs import save_json
 from stillwake.parts.c_release import library_folder
 from tests.proofs.command_line import JsonFile
-from tests.proofs.ecu_in_c.planted import changed
+from tests.proofs.ecu_in_c.planted import Planted
 
 HARNESSES: Final = Path(__file__).with_name("c")
 FLAGS: Final = ("--std", "c99", "--quiet", "--overflow-check", "--ub-shift-check")
@@ -54,8 +54,6 @@ _EVA_FLAGS: Final = (
 _ALARM: Final = re.compile(r"^\[eva:alarm\] (?:\S*/)?(\S+:\d+): Warning: *\n *(.*)", re.MULTILINE)
 _STATEMENTS: Final = re.compile(r"(\d+) statements reached \(out of (\d+)\)")
 
-State = Literal["proved", "failed", "open"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Item:
@@ -73,10 +71,6 @@ class Item:
     quick: bool = False  # whether `make test` runs the proof, too
     sources: tuple[str, ...] = ()  # files that Frama-C's Eva analyses with the harness; without them ESBMC has the item
     open: str = ""  # why the item is known to be unproved; it is then not attempted
-
-    @property
-    def tool(self) -> str:
-        return "Eva" if self.sources else "ESBMC"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,14 +90,12 @@ class Sabotage:
     def into(self, folder: Path) -> None:
         """Change the line in a copy of the library; raise ValueError if the line does not occur exactly once."""
         path = next(path for path in (folder / self.file, folder / "loader" / self.file) if path.exists())
-        path.write_bytes(changed({self.file: path.read_bytes()}, self.file, self.old, self.new)[self.file])
+        path.write_bytes(Planted(self.file, self.old, self.new).into({self.file: path.read_bytes()})[self.file])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """The result of an item or a sabotage."""
-
-    state: State
+    state: str  # "proved", "failed" or "open"
     conditions: int = 0  # that the solver had to show, of which a line may have many; or statements that Eva reached
     seconds: float = 0.0  # CPU time
     why: str = ""  # why the item is open, or the violated property
@@ -158,7 +150,7 @@ def tried(item: Item, library: Path, esbmc: Path, cpu_s: int = CPU_S) -> Outcome
     return Outcome(state=state, conditions=conditions, seconds=round(seconds, 1), why=why)
 
 
-def judged_by_eva(output: str) -> tuple[State, int, str]:
+def judged_by_eva(output: str) -> tuple[str, int, str]:
     """Return the verdict of an analysis, the number of statements that it reached, and the first alarm."""
     reached = _STATEMENTS.search(output)
     if reached is None:
@@ -173,7 +165,7 @@ def _limit(cpu_s: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
 
 
-def _judged(output: str, cpu_s: int, taken_s: float) -> tuple[State, str]:
+def _judged(output: str, cpu_s: int, taken_s: float) -> tuple[str, str]:
     if "VERIFICATION SUCCESSFUL" in output:
         return "proved", ""
     if "VERIFICATION FAILED" in output:
@@ -271,7 +263,10 @@ def _save(
 ) -> None:
     """Write all results so far; an item without a result is open."""
     not_tried = Outcome(state="open", why="not run yet")
-    rows = [{**asdict(item), "tool": item.tool, **asdict(done.get(item.name, not_tried))} for item in items]
+    rows = [
+        {**asdict(one), "tool": "Eva" if one.sources else "ESBMC", **asdict(done.get(one.name, not_tried))}
+        for one in items
+    ]
     broken = [{**asdict(one), **asdict(done.get(one.name, not_tried))} for one in sabotage]
     parts = dict.fromkeys(item.part for item in items)
     figures = {
