@@ -9,7 +9,7 @@ developed wake and the controlled wake.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final
 
@@ -28,27 +28,7 @@ from train.fitting.unfinished import Checkpoints, Reached
 from train.refinement.feedback import Feedback
 from train.refinement.windows import Price, Stream, Stretch, StretchReadings, Task, differentiate
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Done:
-    """A finished stretch: the stream after it, and the gradients, in the order of the feedback's parameters."""
-
-    number: int
-    stream: Stream
-    stretch: Stretch
-    gradients: tuple[Tensor, ...]
-
-
-SideBySide = Callable[[Sequence[Task]], Sequence[Done]]
-
-
-def done(task: Task, flow: DifferentiableFlow) -> Done:
-    """Run a stretch and compute its gradients. Raises the errors of `differentiate`."""
-    task = replace(task, stream=replace(task.stream))
-    task.feedback.zero_grad()
-    stretch = differentiate(flow, task)
-    gradients = tuple(one.grad.clone() for one in task.feedback.parameters() if one.grad is not None)
-    return Done(number=task.number, stream=task.stream, stretch=stretch, gradients=gradients)
+SideBySide = Callable[[Sequence[Task]], Sequence[Stretch]]
 
 
 @contextmanager
@@ -69,8 +49,8 @@ def _begin(flow: Callable[[], DifferentiableFlow]) -> None:
     _FLOW.append(flow())
 
 
-def _run(task: Task) -> Done:
-    return done(task, _FLOW[0])
+def _run(task: Task) -> Stretch:
+    return differentiate(_FLOW[0], task)
 
 
 LARGEST_GRADIENT: Final = 0.5
@@ -184,7 +164,7 @@ def refine(
         run.take(tree)
     while run.done < settings.updates:
         tasks = _tasks(run, starts, settings, deviations, np.random.default_rng([seed, run.done]))
-        finished = [done(task, flow) for task in tasks] if side_by_side is None else side_by_side(tasks)
+        finished = [differentiate(flow, task) for task in tasks] if side_by_side is None else side_by_side(tasks)
         _update(run, finished, settings, progress)
         if checkpoints is not None and (run.done % KEEP_EVERY == 0 or run.done == settings.updates):
             reached = Reached(phase=Phase.REFINE, step=run.done, total=settings.updates)
@@ -259,7 +239,7 @@ def _next_speed(stream: Stream, settings: RefineConfig, rng: np.random.Generator
     return stream.speed + share * (anywhere - stream.speed)
 
 
-def _update(run: _Training, results: Sequence[Done], settings: RefineConfig, progress: Progress) -> None:
+def _update(run: _Training, results: Sequence[Stretch], settings: RefineConfig, progress: Progress) -> None:
     for group in run.optimiser.param_groups:
         group["lr"] = settings.learning_rate * settings.last_rate ** (run.done / settings.updates)
     cut = [_cut(one.gradients) for one in results]
@@ -269,9 +249,9 @@ def _update(run: _Training, results: Sequence[Done], settings: RefineConfig, pro
     run.done += 1
     for one in results:
         run.streams[one.number] = one.stream
-        near = one.stretch.off_design <= NEAR_DESIGN
-        (run.stretches if near else run.off_design).append(one.stretch.rows)
-        run.periods += one.stretch.periods
+        near = one.off_design <= NEAR_DESIGN
+        (run.stretches if near else run.off_design).append(one.rows)
+        run.periods += one.periods
     for kept in (run.stretches, run.off_design):
         while sum(map(len, kept)) > LAST_ROWS:
             kept.pop(0)
@@ -279,7 +259,7 @@ def _update(run: _Training, results: Sequence[Done], settings: RefineConfig, pro
         share = 1.0 / MEAN_OVER if run.done > MEAN_OVER else 1.0
         for slow, new in zip(run.mean.parameters(), run.feedback.parameters(), strict=True):
             slow.lerp_(new, share)
-    means = {name: float(np.mean([getattr(one.stretch, name) for one in results])) for name in ("Cd", "abs_Cl")}
+    means = {name: float(np.mean([getattr(one, name) for one in results])) for name in ("Cd", "abs_Cl")}
     progress(Phase.REFINE, run.done, settings.updates, {"Cd": means["Cd"], "abs Cl": means["abs_Cl"]})
 
 

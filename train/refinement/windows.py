@@ -2,7 +2,7 @@
 is a flow under the feedback; a stretch is an interval of a stream."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, hypot
 from typing import Final, Self
 
@@ -79,15 +79,19 @@ class Stream:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stretch:
-    """The results of a stretch: mean coefficients, and n resampled rows (n, p + 1). A row has the p differences without
-    errors and the action, in units of the present speed. `off_design` is the largest distance of the speeds from the
-    design speed, in units of the design speed."""
+    """The results of a stretch: the number of the stream, the stream after the stretch, the gradients of the mean cost
+    in the order of the feedback's parameters, mean coefficients, and n resampled rows (n, p + 1). A row has the p
+    differences without errors and the action, in units of the present speed. `off_design` is the largest distance of
+    the speeds from the design speed, in units of the design speed."""
 
+    number: int
+    stream: Stream
+    gradients: tuple[Tensor, ...]
     Cd: float
     abs_Cl: float
     rows: Array
     periods: int
-    off_design: float = 0.0
+    off_design: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,15 +109,19 @@ class Task:
 
 
 def differentiate(flow: DifferentiableFlow, task: Task) -> Stretch:
-    """Run a stretch, advance the stream, and add the gradient of the mean cost to the gradients of the feedback's
-    parameters. The timing is as on the vehicle: the command computed from the sample of t_k is in force at the end of
-    period k + 1. Raises PlantError if the flow diverged, or the stretch is too long for the tape's memory."""
-    speeds, readings = task.speeds, task.readings
-    run = closed_loop(flow, task.feedback, task.stream, readings, speeds=speeds, action_limit=task.action_limit)
+    """Run a stretch, and compute the gradients of the mean cost. The timing is as on the vehicle: the command computed
+    from the sample of t_k is in force at the end of period k + 1. Raises PlantError if the flow diverged, or the
+    stretch is too long for the tape's memory."""
+    speeds, readings, stream = task.speeds, task.readings, replace(task.stream)
+    task.feedback.zero_grad()
+    run = closed_loop(flow, task.feedback, stream, readings, speeds=speeds, action_limit=task.action_limit)
     _go_back(flow, run, task.price, readings.told)
     past = speeds[:-1].tolist()
     count = len(places(past, len(past) * ceil(max(past))).newer)
     return Stretch(
+        number=task.number,
+        stream=stream,
+        gradients=tuple(one.grad.clone() for one in task.feedback.parameters() if one.grad is not None),
         Cd=float(np.mean([one.Cd for one in run.seen[1:]])),
         abs_Cl=float(np.mean([abs(one.Cl) for one in run.seen[1:]])),
         rows=np.asarray(read(torch.from_numpy(run.true_rows), past, count)),
