@@ -57,7 +57,7 @@ class FlowSolver(CopiedWhole):
     ) -> None:
         ny = grid.shape[1]
         self.grid, self.boundary, self.viscosity, self.precision = grid, boundary, viscosity, precision
-        self.poisson = poisson.build(grid, boundary.fluid, precision)
+        self.poisson = poisson.PoissonSolver(grid, boundary.fluid, precision)
         self.slot_profile = np.zeros(ny) if slot_profile is None else slot_profile
         # The projection has no mirrored cells, so it uses the grid's own spacings.
         self.between = grid.dxc.astype(precision)

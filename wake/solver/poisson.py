@@ -80,12 +80,14 @@ class HalfSolver:
         return HalfSolver.of, (self.q, self.pivot, self.coupling, self.links, self.capacitance)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class PoissonSolver:
-    """A solver for the whole grid: it combines a solver for the even part and a solver for the odd part."""
+    """A solver for a grid and a fluid mask (nx, ny), both symmetric in y. It combines a solver for the even part and a
+    solver for the odd part, which are built in double precision."""
 
-    even: HalfSolver
-    odd: HalfSolver
+    def __init__(self, grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision = np.float64) -> None:
+        if not np.array_equal(fluid, fluid[:, ::-1]) or fluid.shape[1] % 2:
+            raise ValueError("the Poisson solver needs an even number of rows and a body symmetric in y")
+        self.even, self.odd = (_build_half(grid, fluid, precision, even=even) for even in (True, False))
 
     def solve_into(self, b: Array, phi: Array) -> None:
         """Set phi so that A' phi = b; b (nx, ny) is integrated over cells and zero in solid cells."""
@@ -95,14 +97,6 @@ class PoissonSolver:
         for half in (self.even, self.odd):
             _solve_half(half.q, half.qt, half.pivot, half.coupling, half.links, half.capacitance, *half.work)
         _join(even, odd, phi)
-
-
-def build(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision = np.float64) -> PoissonSolver:
-    """Build the solver, in double precision, for a grid and a fluid mask (nx, ny), both symmetric in y."""
-    if not np.array_equal(fluid, fluid[:, ::-1]) or fluid.shape[1] % 2:
-        raise ValueError("the Poisson solver needs an even number of rows and a body symmetric in y")
-    even, odd = (_build_half(grid, fluid, precision, even=even) for even in (True, False))
-    return PoissonSolver(even=even, odd=odd)
 
 
 def _build_half(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision, *, even: bool) -> HalfSolver:

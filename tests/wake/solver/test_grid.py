@@ -114,7 +114,7 @@ def test_agrees_with_a_sparse_direct_solve_around_the_truck():
     b = np.random.default_rng(3).standard_normal(grid.shape) * fluid
     expected = spsolve(_assembled(grid, fluid), b.reshape(-1)).reshape(grid.shape)
     phi = np.empty_like(b)
-    poisson.build(grid, fluid).solve_into(b, phi)
+    poisson.PoissonSolver(grid, fluid).solve_into(b, phi)
     # Rounding, amplified by the conditioning of a stretched grid.
     assert np.abs(phi - expected)[fluid].max() < 1e-9 * np.abs(expected).max()
 
