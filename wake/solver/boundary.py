@@ -125,33 +125,22 @@ def _parabola(
         if open_faces[ahead] and here < 0:
             return [(ahead, here / there)]
     spacing = float(max(*np.diff(x[i - 1 : i + 2]), *np.diff(y[j - 1 : j + 2])))
-    first = _image(x, y, i, j, here, normal, 0.75 * spacing, spacing, open_faces)
-    second = _image(x, y, i, j, here, normal, first[0] + spacing, spacing, open_faces)
-    d1, d2 = first[0], second[0]
+
+    def image(at_least: float) -> tuple[float, list[tuple[tuple[int, int], float]]]:
+        """Find the nearest point on the normal that is at least `at_least` from the wall and between four open faces.
+        Return the point's distance from the wall, and the four faces with weights."""
+        for away in np.arange(at_least, at_least + 6.0 * spacing, 0.125 * spacing):
+            step = away - here
+            entries = bilinear(x, y, x[i] + step * normal[0], y[j] + step * normal[1])
+            if all(open_faces[face] for face, _ in entries):
+                return float(away), entries
+        raise ValueError(f"no flow found along the wall normal at ({x[i]:.4f}, {y[j]:.4f}): the grid is too coarse")
+
+    d1, first = image(0.75 * spacing)
+    d2, second = image(d1 + spacing)
     w1 = here * (here - d2) / (d1 * (d1 - d2))
     w2 = here * (here - d1) / (d2 * (d2 - d1))
-    return [(face, w1 * w) for face, w in first[1]] + [(face, w2 * w) for face, w in second[1]]
-
-
-def _image(
-    x: Array,
-    y: Array,
-    i: int,
-    j: int,
-    here: float,
-    normal: tuple[float, float],
-    at_least: float,
-    spacing: float,
-    open_faces: Mask,
-) -> tuple[float, list[tuple[tuple[int, int], float]]]:
-    """Find the nearest point on the normal that is at least `at_least` from the wall and between four open faces.
-    Return the point's distance from the wall, and the four faces with weights."""
-    for distance in np.arange(at_least, at_least + 6.0 * spacing, 0.125 * spacing):
-        step = distance - here
-        entries = bilinear(x, y, x[i] + step * normal[0], y[j] + step * normal[1])
-        if all(open_faces[face] for face, _ in entries):
-            return float(distance), entries
-    raise ValueError(f"no flow found along the wall normal at ({x[i]:.4f}, {y[j]:.4f}): the grid is too coarse")
+    return [(face, w1 * w) for face, w in first] + [(face, w2 * w) for face, w in second]
 
 
 def _normal(distance: SignedDistance, px: float, py: float) -> tuple[float, float]:
