@@ -22,7 +22,7 @@ from contract.config.body import BodyConfig
 from contract.errors import ConfigError
 from contract.geometry import HALF_WIDTH, JET_WIDTH
 from wake.pictures.fields import Raster, View, velocity
-from wake.plant.protocol import Drawable
+from wake.plant.protocol import LivePlant
 from wake.solver.grid import Flow, Grid
 from wake.truck.develop import recirculation_length
 from wake.truck.truck_wake import TruckWake
@@ -55,7 +55,7 @@ class WakePicture:
     coloured by their Cp (None means all); other sensors are small dots. The colour scales are fixed."""
 
     def __init__(
-        self, wake: Drawable, kind: Kind = "vorticity", sensor_names: Sequence[str] | None = None, width: int = 1100
+        self, wake: LivePlant, kind: Kind = "vorticity", sensor_names: Sequence[str] | None = None, width: int = 1100
     ) -> None:
         self._wake = wake
         self._kind: Kind = kind

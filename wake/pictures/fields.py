@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 from contract.arrays import Array
 from contract.errors import PlantError
 from contract.geometry import HALF_WIDTH
-from wake.plant.protocol import Drawable
+from wake.plant.protocol import LivePlant
 from wake.solver.grid import Flow
 from wake.truck.truck_wake import TruckWake
 
@@ -110,7 +110,7 @@ _HALF_HEIGHT: Final = 2.25
 class LevelPicture:
     """A picture of a plant's present vorticity. The level is 0 inside the body. `size` is (width, height) in pixels."""
 
-    def __init__(self, wake: Drawable) -> None:
+    def __init__(self, wake: LivePlant) -> None:
         self._wake = wake
         left, right = (round(wake.body.length + each, 9) for each in (-_BEFORE_BASE, _BEHIND_BASE))
         self.view: View = (left, right, -_HALF_HEIGHT, _HALF_HEIGHT)
