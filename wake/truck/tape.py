@@ -189,7 +189,7 @@ class DifferentiableWake(CopiedWhole):
     def back(self, weights: Seen) -> float:
         """Go back by a period, and return a scalar's derivative with respect to the action commanded in this period.
         `weights` are the scalar's derivatives with respect to the period's sample."""
-        speed = self._speed
+        speed = float(self._speeds[len(self._tape)])
         whole = no_weights(len(self.plant.layout))
         whole.Cp[self._columns] = weights.Cp / speed**2
         Cd, Cl = weights.Cd / speed**2, weights.Cl / speed**2
@@ -216,11 +216,7 @@ class DifferentiableWake(CopiedWhole):
         rows = np.array([plant.advance(0.0).Cp[self._columns] for _ in range(periods)]) / speed**2
         return float(rows[:, on_base].mean()), float(np.abs(rows[:, ::2] - rows[:, 1::2]).mean())
 
-    @property
-    def _speed(self) -> float:
-        return float(self._speeds[len(self._tape)])
-
     def _seen(self) -> Seen:
-        sample, speed = self.plant.sample(), self._speed
+        sample, speed = self.plant.sample(), float(self._speeds[len(self._tape)])
         q = speed**2
         return Seen(Cp=sample.Cp[self._columns] / q, Cd=sample.Cd / q, Cl=sample.Cl / q, Uy=sample.Uy_probe / speed)
