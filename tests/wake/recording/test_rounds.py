@@ -1,5 +1,7 @@
 """Rounds of recording, under a controller and from the steady wake: what acts, and continuing without a seam."""
 
+import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +12,7 @@ from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.errors import DatasetError, StillwakeError
 from contract.recording.dataset import Dataset, read
-from tests.wake.conftest import Oscillator
-from tests.wake.recording.killing import Killed, equal, kill_before_operation
+from tests.wake.conftest import Killed, Oscillator, equal
 from wake.recording import recorder
 from wake.recording.episode_job import NoFeedback
 from wake.recording.plans import CalmRound, ControlledRound, EpisodePlan
@@ -119,6 +120,25 @@ def test_calls_add_rounds_of_both_kinds_that_repeat_nothing(tmp_path):
         assert episode.series["Cd"] == pytest.approx(expected, abs=2**-15)
         assert episode.initial_action == 0.0
         assert (episode.provenance["amplitude"], episode.provenance["start"]) == (plan.level, "steady.npz")
+
+
+def kill_before_operation(monkeypatch: pytest.MonkeyPatch, number: int) -> Callable[[], int]:
+    """Be killed before the operation of that number that changes the disk; how many there have been."""
+    count = 0
+
+    def watched(original: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **options: Any) -> Any:
+            nonlocal count
+            count += 1
+            if count == number:
+                raise Killed
+            return original(*arguments, **options)
+
+        return call
+
+    for owner, name in ((Path, "replace"), (Path, "unlink"), (Path, "mkdir"), (os, "fsync"), (Path, "write_bytes")):
+        monkeypatch.setattr(owner, name, watched(getattr(owner, name)))
+    return lambda: count
 
 
 def test_it_may_be_killed_before_any_change_on_disk_and_continues_without_a_seam(tmp_path):
