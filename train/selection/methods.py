@@ -20,7 +20,7 @@ import scipy.linalg
 import torch
 
 from contract.arrays import Array, Mask
-from contract.config.learning import SelectionMethod, TrainConfig
+from contract.config.learning import TrainConfig
 from contract.errors import ConfigError, DatasetError
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
@@ -196,22 +196,16 @@ def select_random(
     return best
 
 
-def select(
-    method: SelectionMethod,
-    encoder: Encoder,
-    rows: Rows,
-    count: int,
-    *,
-    settings: TrainConfig,
-    progress: Progress = silent,
-) -> tuple[str, ...]:
-    """Return the names of the chosen sensors, in the method's order, from rows with all sensors' columns.
+def select(encoder: Encoder, rows: Rows, settings: TrainConfig, *, progress: Progress = silent) -> tuple[str, ...]:
+    """Return the names of `settings.sensors` sensors in the order of the method `settings.selection`, from rows with
+    all sensors' columns.
 
     "qr": pivots of the pressures' POD modes. "greedy": forward selection with the ridge student. "random": the best of
     `RANDOM_DRAWS` choices according to the ridge student. "hand": by position alone. The ranking for "shap" is in
-    `train.selection.shap_ranking`. Only seed and sensor noise of the settings are used. Raises ConfigError for a
-    `count` out of range, or "hand" without mirror images or base sensors; DatasetError if `rows` has too few windows.
+    `train.selection.shap_ranking`. Raises ConfigError for a number of sensors out of range, or "hand" without mirror
+    images or base sensors; DatasetError if `rows` has too few windows.
     """
+    method, count = settings.selection, settings.sensors
     check_count(count, rows.sensors)
     if method == "qr":
         chosen = select_qr(rows, count)

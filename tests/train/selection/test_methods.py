@@ -56,11 +56,10 @@ def encoder(small_config) -> Encoder:
 
 def test_every_method_chooses_as_many_as_asked(encoder, rows, small_config):
     for method in set(get_args(SelectionMethod)) - {"shap"}:
-        names = methods.select(method, encoder, rows, 3, settings=small_config.train)
+        names = methods.select(encoder, rows, replace(small_config.train, selection=method, sensors=3))
         assert len(sensors.TRUCK.indices(names)) == 3, method  # refuses unknown and repeated names
-    for count in (0, 91):
-        with pytest.raises(ConfigError, match=rf"train\.sensors = {count}: must be from 1 to 90"):
-            methods.select("qr", encoder, rows, count, settings=small_config.train)
+    with pytest.raises(ConfigError, match=r"train\.sensors = 91: must be from 1 to 90"):
+        methods.select(encoder, rows, replace(small_config.train, selection="qr", sensors=91))
 
 
 HEARD = ("lower_35", "base_0", "upper_12")
