@@ -200,7 +200,6 @@ def _tasks(
                 price=Price(lift=lift, motion=settings.motion_price, effort=effort),
                 readings=_readings(settings, deviations, speeds[:-1], rng),
                 speeds=speeds,
-                action_limit=stream.goal.share_of_limit() * run.feedback.limit,
             )
         )
     return tasks
