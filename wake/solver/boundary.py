@@ -10,7 +10,6 @@ order, because the volume flow between a no-slip wall and a nearby point grows w
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -35,42 +34,28 @@ class GhostMap(NamedTuple):
     weight: Array
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Boundary:
-    """The classification of a grid's cells and faces around a body. `fluid` (nx, ny) are the cells whose centre lies in
-    the fluid. Open faces (nx + 1, ny) and (nx, ny + 1) are between two fluid cells or on the outlet. Runs are rows (i,
-    j0, j1) that cover the open faces and the fluid cells. Ghosts are maps on the padded arrays u and v."""
+    """The classification of a grid's cells and faces around a body. `distance` computes the distance to the wall:
+    positive in the fluid, exact near the wall.
 
-    fluid: Mask
-    open_u: Mask
-    open_v: Mask
-    u_runs: Index
-    v_runs: Index
-    cell_runs: Index
-    u_ghosts: GhostMap
-    v_ghosts: GhostMap
+    Attributes:
+        fluid: (nx, ny) the cells whose centre lies in the fluid.
+        open_u, open_v: (nx + 1, ny) and (nx, ny + 1) the faces between two fluid cells or on the outlet.
+        u_runs, v_runs, cell_runs: rows (i, j0, j1) that cover the open faces and the fluid cells.
+        u_ghosts, v_ghosts: maps on the padded arrays u and v.
+    """
 
-
-def build(grid: Grid, distance: SignedDistance) -> Boundary:
-    """Classify the grid. `distance` computes the distance to the wall: positive in the fluid, exact near the wall."""
-    nx, ny = grid.shape
-    fluid = distance(*np.meshgrid(grid.xc, grid.yc, indexing="ij")) > 0
-    open_u = np.zeros((nx + 1, ny), dtype=bool)
-    open_v = np.zeros((nx, ny + 1), dtype=bool)
-    open_u[1:-1] = fluid[1:] & fluid[:-1]
-    open_u[-1] = fluid[-1]
-    open_v[:, 1:-1] = fluid[:, 1:] & fluid[:, :-1]
-    touched_u, touched_v = _stencil(open_u, open_v)
-    return Boundary(
-        fluid=fluid,
-        open_u=open_u,
-        open_v=open_v,
-        u_runs=_runs(open_u),
-        v_runs=_runs(open_v),
-        cell_runs=_runs(fluid),
-        u_ghosts=_ghosts(grid, "u", open_u, touched_u, distance),
-        v_ghosts=_ghosts(grid, "v", open_v, touched_v, distance),
-    )
+    def __init__(self, grid: Grid, distance: SignedDistance) -> None:
+        nx, ny = grid.shape
+        self.fluid: Mask = distance(*np.meshgrid(grid.xc, grid.yc, indexing="ij")) > 0
+        self.open_u, self.open_v = np.zeros((nx + 1, ny), dtype=bool), np.zeros((nx, ny + 1), dtype=bool)
+        self.open_u[1:-1] = self.fluid[1:] & self.fluid[:-1]
+        self.open_u[-1] = self.fluid[-1]
+        self.open_v[:, 1:-1] = self.fluid[:, 1:] & self.fluid[:, :-1]
+        self.u_runs, self.v_runs, self.cell_runs = map(_runs, (self.open_u, self.open_v, self.fluid))
+        touched_u, touched_v = _stencil(self.open_u, self.open_v)
+        self.u_ghosts = _ghosts(grid, "u", self.open_u, touched_u, distance)
+        self.v_ghosts = _ghosts(grid, "v", self.open_v, touched_v, distance)
 
 
 def _stencil(open_u: Mask, open_v: Mask) -> tuple[Mask, Mask]:
@@ -105,12 +90,7 @@ def _ghosts(grid: Grid, component: Component, open_faces: Mask, touched: Mask, d
             source.append(index[face])
             weight.append(w)
         start.append(len(source))
-    return GhostMap(
-        target=np.array(target, dtype=np.int64),
-        start=np.array(start, dtype=np.int64),
-        source=np.array(source, dtype=np.int64),
-        weight=np.array(weight, dtype=np.float64),
-    )
+    return GhostMap(np.array(target, np.int64), np.array(start, np.int64), np.array(source, np.int64), np.array(weight))
 
 
 def _parabola(

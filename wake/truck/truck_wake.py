@@ -44,7 +44,7 @@ class TruckWake(CopiedWhole, SteppedPlant):
         self.config = FlowConfig() if config is None else config
         self.body, self.layout = body, layout_of(body)
         self.grid = box_grid(body.length, self.config.refinement)
-        self.boundary = boundary.build(self.grid, partial(signed_distance, body=body))
+        self.boundary = boundary.Boundary(self.grid, partial(signed_distance, body=body))
         self._profile = slot_profile(self.grid)
         self._check_step(self.config)
         self.solver = FlowSolver(

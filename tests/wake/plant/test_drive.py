@@ -69,7 +69,7 @@ def test_a_file_is_read_and_a_wrong_one_named_by_line_and_value(tmp_path):
 def test_a_stream_without_a_body_is_the_wind_everywhere_and_at_rest_with_its_pressure():
     """du/dt = dU/dt and grad p = 0, the equation of motion in the frame of a body that moves through still air."""
     grid = Grid(xf=np.linspace(-1.0, 5.0, 25), yf=np.linspace(-1.0, 1.0, 13))
-    everywhere = boundary.build(grid, lambda x, y: np.ones_like(np.asarray(x, dtype=float)))
+    everywhere = boundary.Boundary(grid, lambda x, y: np.ones_like(np.asarray(x, dtype=float)))
     solver, gust = FlowSolver(grid, everywhere, 1 / 500), Gust(amplitude=0.3, period=1.0)
     for time in (0.13, 0.25, 0.8):
         flow = Flow.zeros(grid.shape)

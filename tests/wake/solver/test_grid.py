@@ -61,7 +61,7 @@ def _ghost_error(cells: int) -> float:
     """Largest error of the ghosts around a disc, for a smooth field that vanishes on it."""
     faces = np.linspace(-1.0, 1.0, cells + 1)
     grid = Grid(xf=faces, yf=faces)
-    walls = boundary.build(grid, _disc)
+    walls = boundary.Boundary(grid, _disc)
     x, y = np.meshgrid(grid.xf, grid.yc, indexing="ij")
     exact = np.zeros((cells + 1, cells + 2))
     exact[:, 1:-1] = _disc(x, y) * (1.0 + 0.4 * x - 0.3 * y) + _disc(x, y) ** 2

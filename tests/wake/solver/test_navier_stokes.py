@@ -20,7 +20,7 @@ def _kovasznay_error(rows: int) -> float:
     the discretisation error at the outlet.
     """
     grid = Grid(xf=-0.5 + np.linspace(0.0, 7.5, 4 * rows + 1), yf=np.linspace(-0.5, 0.5, rows + 1))
-    everywhere = boundary.build(grid, lambda x, y: np.ones_like(np.asarray(x, dtype=float)))
+    everywhere = boundary.Boundary(grid, lambda x, y: np.ones_like(np.asarray(x, dtype=float)))
 
     def exact_u(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return 1 - np.exp(DECAY * x)[:, None] * np.cos(2 * np.pi * y)[None, :]

@@ -37,7 +37,7 @@ def _spin(cells: int, shift: float) -> list[float]:
     faces = np.linspace(-1.15, 1.15, cells + 1)
     h = faces[1] - faces[0]
     grid = Grid(xf=faces + shift * h, yf=faces)
-    walls = boundary.build(grid, lambda x, y: 1.0 - np.hypot(x, y))
+    walls = boundary.Boundary(grid, lambda x, y: 1.0 - np.hypot(x, y))
     solver = FlowSolver(grid, walls, VISCOSITY, inflow_u=np.zeros(cells))
 
     def exact(x: Array, y: Array, t: float) -> tuple[Array, Array]:
@@ -94,7 +94,7 @@ def closed_box(cells: int, stretch: float) -> tuple[Grid, boundary.Boundary]:
         outside = np.hypot(np.maximum(over_x, 0.0), np.maximum(over_y, 0.0))
         return np.asarray(-outside - np.minimum(np.maximum(over_x, over_y), 0.0))
 
-    return grid, boundary.build(grid, into_box)
+    return grid, boundary.Boundary(grid, into_box)
 
 
 def _energy_lost(dt: float) -> float:
