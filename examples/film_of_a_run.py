@@ -94,7 +94,7 @@ class Film:
         share = (VIEW[3] - VIEW[2]) / (VIEW[1] - VIEW[0]) / _HEIGHT
         flow = self.figure.add_axes((0.0, 1.0 - share, 1.0, share), xlim=VIEW[:2], ylim=VIEW[2:])
         flow.set_axis_off()
-        self._raster = Raster.of(wake.grid.xf[1:-1], wake.grid.yf[1:-1], VIEW, width)
+        self._raster = Raster(wake.grid.xf[1:-1], wake.grid.yf[1:-1], VIEW, width)
         self._image = flow.imshow(
             np.zeros((len(self._raster.y), width)), cmap=GLOW, vmin=-1.0, vmax=1.0, extent=VIEW, origin="lower",
             aspect="auto", interpolation="nearest",

@@ -65,7 +65,7 @@ class WakePicture:
         self._chosen = layout.indices(layout.names if sensor_names is None else sensor_names)
         grid, level = wake.grid, _LEVEL[kind]
         nodes = (grid.xf[1:-1], grid.yf[1:-1]) if kind == "vorticity" else (grid.xc, grid.yc)
-        self._raster = Raster.of(*nodes, VIEW, width)
+        self._raster = Raster(*nodes, VIEW, width)
         colours, limits = (FIELD_COLOURS, (-level, level)) if kind == "pressure" else (SENSOR_COLOURS, SENSOR_RANGE)
         dots = 4.0 if len(self._chosen) > len(layout) // 2 else 6.0
         self.figure, axes = _figure(10.0, 3.1, width / 10.0, VIEW)
@@ -156,7 +156,7 @@ def draw_mean(
     axes: Axes, grid: Grid, body: BodyConfig, mean: Flow, view: View, *, density: tuple[float, float]
 ) -> AxesImage:
     """Draw the area `view` of a mean flow: u in colour, streamlines of the given density, the line u = 0, the body."""
-    raster = Raster.of(grid.xc, grid.yc, view, 900)
+    raster = Raster(grid.xc, grid.yc, view, 900)
     u, v = (raster(component) for component in velocity(mean))
     x, y = np.meshgrid(raster.x, raster.y)
     inside = (x > 0.0) & (x < body.length) & (np.abs(y) < HALF_WIDTH)

@@ -22,7 +22,7 @@ def test_fields_are_those_that_are_known(wake):
     assert u == pytest.approx(2.0 * x + y, abs=1e-12)
     assert v == pytest.approx(x - 3.0 * y, abs=1e-12)
     # A raster keeps linear fields.
-    raster = Raster.of(grid.xc, grid.yc, (0.0, 10.0, -1.0, 1.0), 50)
+    raster = Raster(grid.xc, grid.yc, (0.0, 10.0, -1.0, 1.0), 50)
     pixels = raster(3.0 * x - y)
     assert pixels.shape == (10, 50)
     # Pixels of 0.2 W, row 0 at the bottom.
