@@ -9,7 +9,7 @@ developed wake and the controlled wake.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
@@ -86,16 +86,13 @@ class Refined:
     periods: int
 
 
-@dataclass(kw_only=True, eq=False)
 class _Training:
-    feedback: Feedback
-    mean: Feedback
-    optimiser: torch.optim.Adam
-    streams: list[Stream] = field(default_factory=list)
-    stretches: list[Array] = field(default_factory=list)
-    off_design: list[Array] = field(default_factory=list)
-    done: int = 0
-    periods: int = 0
+    def __init__(self, make: Callable[[], Feedback], starts: Sequence[FlowState], settings: RefineConfig) -> None:
+        self.feedback, self.mean = make(), make()
+        self.optimiser = torch.optim.Adam(self.feedback.parameters(), lr=settings.learning_rate)
+        self.streams = [Stream.begun(start, self.feedback, settings.slowest) for start in starts]
+        self.stretches, self.off_design = list[Array](), list[Array]()
+        self.done = self.periods = 0
 
     def as_tree(self) -> dict[str, Any]:
         return {
@@ -153,13 +150,7 @@ def refine(
     runs an update's stretches in parallel; if None, they run in turn on `flow`. An update's random draws depend only on
     the seed and the update's number.
     """
-    feedback, mean = make(), make()
-    run = _Training(
-        feedback=feedback,
-        mean=mean,
-        optimiser=torch.optim.Adam(feedback.parameters(), lr=settings.learning_rate),
-        streams=[Stream.begun(start, feedback, settings.slowest) for start in starts],
-    )
+    run = _Training(make, starts, settings)
     if checkpoints is not None and (tree := checkpoints.load(Phase.REFINE)):
         run.take(tree)
     while run.done < settings.updates:
