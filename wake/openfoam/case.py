@@ -210,11 +210,8 @@ _SOLVERS: Final[dict[str, Any]] = {
 
 def _control(mesh: Mesh, end: float, dt: float, steps_per_write: int, steps_per_sample: int) -> dict[str, Any]:
     # The function objects for forces read the entries of `execute`, and those for probes the entries of `write`.
-    every_sample = {
-        f"{what}{setting}": value
-        for what in ("execute", "write")
-        for setting, value in (("Control", "timeStep"), ("Interval", steps_per_sample))
-    }
+    n = steps_per_sample
+    every_sample = {"executeControl": "timeStep", "executeInterval": n, "writeControl": "timeStep", "writeInterval": n}
     forces = {
         name: {
             "type": "forces", "libs": '("libforces.so")', "patches": (patch,), "rho": "rhoInf", "rhoInf": 1,

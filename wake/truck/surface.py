@@ -137,7 +137,7 @@ class Surface:
 
     def _slot_pressure(self, flow: Flow) -> Array:
         face, _, between = self._at_slots(flow)
-        return 2.0 * (flow.cells_p[self._grid.rear] + between * between - face * face)
+        return np.asarray(2.0 * (flow.cells_p[self._grid.rear] + between * between - face * face))
 
     def _at_slots(self, flow: Flow) -> tuple[Array, Array, Array]:
         """Return u on the base's faces, u on the next faces downstream, and the mean of these values."""
