@@ -80,12 +80,8 @@ class WakePicture:
             places[self._chosen, 0], places[self._chosen, 1], c=np.zeros(len(self._chosen)), s=dots**2, cmap=colours,
             norm=Normalize(*limits), edgecolors="black", linewidths=0.4, zorder=5, clip_on=False,
         )  # fmt: skip
-        self._jets = {
-            side: Polygon(
-                jet_arrow(0.0, side, wake.body.length), closed=True, edgecolor="black", linewidth=0.5, zorder=6
-            )
-            for side in (1, -1)
-        }
+        edge: Any = {"edgecolor": "black", "linewidth": 0.5, "zorder": 6}
+        self._jets = {side: Polygon(jet_arrow(0.0, side, wake.body.length), **edge) for side in (1, -1)}
         for arrow in self._jets.values():
             axes.add_patch(arrow)
         self._title = axes.set_title(" ", family="monospace", loc="left")

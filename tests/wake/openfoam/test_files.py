@@ -14,7 +14,7 @@ from contract import sensors
 from contract.config.plant import FlowConfig, OpenFoamConfig
 from contract.errors import PlantError
 from contract.geometry import DOMAIN_X, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
-from tests.wake.openfoam.conftest import field
+from tests.wake.conftest import field
 from wake.openfoam import case, foam_files, state
 from wake.openfoam.case import pressure_points, sensor_weights
 from wake.openfoam.measurements import Follower, Instruments, Readings, read_at
