@@ -28,7 +28,7 @@ from contract.errors import ConfigError, StillwakeError
 from firmware_sim.runs.run_log import RunFolder, RunLog, load
 from wake.pictures.drawing import animate, check_target, jet_arrow, outline
 from wake.pictures.fields import Raster, View
-from wake.plant.protocol import Drawable
+from wake.plant.protocol import LivePlant
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 
@@ -81,7 +81,7 @@ class Film:
     every control period, even if no frame is drawn. The controller's sensors are bright dots, all other sensors small
     dots. `width` is in pixels; width and height must be even."""
 
-    def __init__(self, wake: Drawable, story: Story, sensor_names: Sequence[str], width: int = 960) -> None:
+    def __init__(self, wake: LivePlant, story: Story, sensor_names: Sequence[str], width: int = 960) -> None:
         self._wake, self._story = wake, story
         self._times: list[float] = []
         self._drag: list[float] = []
@@ -94,7 +94,7 @@ class Film:
         share = (VIEW[3] - VIEW[2]) / (VIEW[1] - VIEW[0]) / _HEIGHT
         flow = self.figure.add_axes((0.0, 1.0 - share, 1.0, share), xlim=VIEW[:2], ylim=VIEW[2:])
         flow.set_axis_off()
-        self._raster = Raster.of(wake.grid.xf[1:-1], wake.grid.yf[1:-1], VIEW, width)
+        self._raster = Raster(wake.grid.xf[1:-1], wake.grid.yf[1:-1], VIEW, width)
         self._image = flow.imshow(
             np.zeros((len(self._raster.y), width)), cmap=GLOW, vmin=-1.0, vmax=1.0, extent=VIEW, origin="lower",
             aspect="auto", interpolation="nearest",
@@ -148,7 +148,7 @@ class Film:
             scales.append((1.0 - share) * dark + share * full)
         return np.vstack(scales)
 
-    def _draw_truck(self, axes: Axes, wake: Drawable, names: Sequence[str]) -> None:
+    def _draw_truck(self, axes: Axes, wake: LivePlant, names: Sequence[str]) -> None:
         colours = {"facecolor": "#161c28", "edgecolor": "#5b6679"}
         axes.add_patch(Polygon(outline(wake.body), closed=True, **colours, linewidth=1.4 * self._pt, zorder=3))
         places = wake.layout.positions

@@ -158,7 +158,7 @@ def _choice(
         return ranking.top(settings.sensors), SensorChoice.of_ranking(ranking)
     state = checkpoints.load(Phase.SELECT)
     if state is None:
-        names = select(settings.selection, encoder, rows, settings.sensors, settings=settings, progress=progress)
+        names = select(encoder, rows, settings, progress=progress)
         # The values of mirror-image sensors differ only by rounding, so a resumed run might choose another order.
         checkpoints.save(Phase.SELECT, {"order": torch.from_numpy(rows.layout.indices(names))})
     else:

@@ -21,8 +21,6 @@ from wake.truck.truck_wake import TruckWake
 
 Observation = npt.NDArray[np.float32]
 
-LEDGER: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action", "Cd_slot", "Cd_net")
-"""Names of the values of `wake.plant.sample.Sample` that `info` contains: all except the pressures."""
 _SILENCE_S: Final = 3.0
 """Time in s after which a reset reports that the solver is being compiled; without compiling, a reset takes less."""
 
@@ -186,7 +184,8 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return sample.Cp[self._columns].astype(np.float32)
 
     def _info(self, sample: Sample, clipped: bool) -> dict[str, Any]:
-        ledger = {name: getattr(sample, name) for name in LEDGER}
+        names = ("t", *LEDGER_FIELDS, "Uy_probe", "action", "Cd_slot", "Cd_net")
+        ledger = {name: getattr(sample, name) for name in names}
         return ledger | {"clipped": clipped, "clipped_count": self._clipped_count}
 
 

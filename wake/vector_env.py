@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import Any, TypeVar, cast
 
@@ -57,7 +57,6 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
             if value < 1:
                 raise ConfigError(f"{name} = {value}: must be at least 1")
         self._threads = threads
-        self._pool: ThreadPoolExecutor | None = None
         super().__init__([partial(_one, settings)] * num_envs, autoreset_mode=autoreset_mode)
         first, *others = self.wakes
         for wake in others:
@@ -77,7 +76,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
             for env, action, resets in zip(self.envs, iterate(self.action_space, actions), waits, strict=True)
             if not resets
         ]
-        for (env, _), taken in zip(moving, self._begun(lambda env, action: env.env.step(action), moving), strict=True):
+        for (env, _), taken in zip(moving, self.at_once(lambda env, action: env.env.step(action), moving), strict=True):
             cast(_Ahead, env).taken = taken
         try:
             found: tuple[Any, ...] = super().step(actions)
@@ -86,26 +85,11 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
                 cast(_Ahead, env).taken = None
         return found
 
-    def at_once(self, work: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[T]:
-        """Call `work` with each tuple of arguments on this environment's threads. Return the results in order."""
-        return [one.result() for one in self._begun(work, arguments)]
-
-    def close_extras(self, **kwargs: Any) -> None:
-        super().close_extras(**kwargs)
-        if self._pool is not None:
-            self._pool.shutdown()
-            self._pool = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_pool": None}  # threads cannot be copied
-
-    def _begun(self, work: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[Future[T]]:
-        """Start the calls; return their futures when all have ended, so that no error is raised while a flow runs."""
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="wake")
-        begun = [self._pool.submit(work, *each) for each in arguments]
-        wait(begun)
-        return begun
+    def at_once(self, work: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[Future[T]]:
+        """Call `work` with each tuple of arguments on this environment's threads. Return the calls' futures when all
+        calls have ended, so that no error is raised while a flow runs."""
+        with ThreadPoolExecutor(self._threads) as pool:
+            return [pool.submit(work, *each) for each in arguments]
 
 
 class _Ahead(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -142,12 +126,14 @@ class BatchTape(CopiedWhole):
     def advance(self, actions: Array) -> list[Sample]:
         """Advance each of the N flows by a control period, in which the jets ramp to the flow's action; `actions` has
         shape (N,). Raises PlantError as `Tape.advance` does."""
-        return self._env.at_once(Tape.advance, zip(self.tapes, map(float, actions), strict=True))
+        ended = self._env.at_once(Tape.advance, zip(self.tapes, map(float, actions), strict=True))
+        return [one.result() for one in ended]
 
     def back(self, weights: Sequence[Sample]) -> Array:
         """Go back by a control period on each tape; return the sensitivities to the N actions of this period, (N,).
         `weights` holds the weights of each wake's sample, as for `Tape.back`."""
-        return np.array(self._env.at_once(Tape.back, zip(self.tapes, weights, strict=True)))
+        ended = self._env.at_once(Tape.back, zip(self.tapes, weights, strict=True))
+        return np.array([one.result() for one in ended])
 
     def restart(self) -> None:
         """Empty all tapes, so that they begin at the present flows, and reuse their memory."""

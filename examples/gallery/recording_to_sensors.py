@@ -129,9 +129,9 @@ plt.show()
 # not explain. The sensors have noise of 5 % of the pressures' deviation, as in the release's training. Without noise a
 # sensor near the front, where the signal is small, would be as good as a sensor on the base.
 
-from train.selection.methods import ridge_student, select_greedy
+from train.selection.methods import RidgeStudent, select_greedy
 
-student = ridge_student(trained.teacher.encoder, rows, seed=0, sensor_noise=0.05)
+student = RidgeStudent(trained.teacher.encoder, rows, seed=0, sensor_noise=0.05)
 by_greedy = tuple(layout.names[column] for column in select_greedy(student, 4))
 choices = {"SHAP": by_shap, "QR pivoting": by_qr, "greedy, under noise": by_greedy, "the release": trained.sensors}
 for name, chosen in choices.items():

@@ -1,10 +1,14 @@
-"""The shared plant in its developed state, and a plant that costs nothing."""
+"""The shared plant in its developed state, a plant that costs nothing, and what tests of recording and of
+OpenFOAM share."""
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from contract import sensors
 from contract.config.plant import FlowConfig
+from contract.recording.dataset import Dataset
+from wake.openfoam.mesh import Mesh, truck_mesh
 from wake.plant.sample import Sample
 from wake.recording import episode_job, recorder
 from wake.truck.state import State, developed_state
@@ -66,3 +70,30 @@ def cheap_plant(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorder, "TruckWake", Oscillator)
     monkeypatch.setattr(episode_job, "developed_state", lambda: start)
     monkeypatch.setattr(episode_job, "versions", lambda *names: dict.fromkeys(names, "1"))
+
+
+class Killed(BaseException):
+    """Stands for a signal: not an Exception, so nothing may swallow it."""
+
+
+def equal(a: Dataset, b: Dataset) -> bool:
+    """Whether two recordings have the same episodes and samples."""
+    return [x.name for x in a.episodes] == [y.name for y in b.episodes] and all(
+        np.array_equal(x.series[name], y.series[name])
+        for x, y in zip(a.episodes, b.episodes, strict=True)
+        for name in x.series
+    )
+
+
+@pytest.fixture(scope="session")
+def coarse_mesh() -> Mesh:
+    return truck_mesh(0.5)
+
+
+def field(values: npt.ArrayLike) -> bytes:
+    """Numbers (m,) or vectors (m, 3) in m cells, as icoFoam writes them."""
+    cells = np.asarray(values, dtype=np.float64)
+    kind = "scalar" if cells.ndim == 1 else "vector"
+    head = 'FoamFile\n{\n    format      binary;\n    arch        "LSB;label=32;scalar=64";\n}\n'
+    head += f"internalField   nonuniform List<{kind}> \n{len(cells)}\n("
+    return head.encode() + cells.tobytes() + b")\n;\nboundaryField\n{}\n\n\n// " + 73 * b"*" + b" //\n"

@@ -33,9 +33,16 @@ class Identity:
 
     @classmethod
     def of(
-        cls, config: Config, dataset_sha256: str, device: str, chosen: Sequence[str] | None, threads: int = 1
+        cls,
+        config: Config,
+        dataset_sha256: str,
+        device: str,
+        chosen: Sequence[str] | None,
+        threads: int = 1,
+        others: Mapping[str, Any] | None = None,
     ) -> "Identity":
-        """Return the identity of a training on the device "cpu" or "cuda"; the caller may have `chosen` sensors."""
+        """Return the identity of a training on the device "cpu" or "cuda". The caller may have `chosen` sensors.
+        `others` are further settings by name: those of a refinement, and the hashes of its first files."""
         of_lessons = {"weights": asdict(config.mpc.weights), "action_limit": config.flow.action_limit}
         settings = {
             "model": asdict(config.model),
@@ -44,22 +51,8 @@ class Identity:
             **(of_lessons if config.model.is_slimmed else {}),
             "device": device,
             "chosen": None if chosen is None else list(chosen),
+            **(others or {}),
         }
-        return cls(settings=json.dumps(settings, sort_keys=True), dataset_sha256=dataset_sha256, threads=threads)
-
-    @classmethod
-    def of_refinement(
-        cls,
-        config: Config,
-        dataset_sha256: str,
-        sensors: Sequence[str],
-        threads: int = 1,
-        begins_with: Mapping[str, str] | None = None,
-    ) -> "Identity":
-        """Return the identity of a refinement (`train.refinement`) of a model that was trained with these settings.
-        `begins_with` identifies the files with which the refinement begins."""
-        own = {"refine": asdict(config.refine), **(begins_with or {})}
-        settings = {**json.loads(cls.of(config, dataset_sha256, "cpu", sensors).settings), **own}
         return cls(settings=json.dumps(settings, sort_keys=True), dataset_sha256=dataset_sha256, threads=threads)
 
 

@@ -32,10 +32,10 @@ def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Sc
     action = np.concatenate([episode.series["action"] for episode in episodes])
     drag, lift = (np.concatenate([episode.series[name] for episode in episodes]) for name in ("Cd", "Cl"))
     # Mirror images are not checked, because they would add another sensor's values to a dead sensor's column.
-    for name, values in zip(layout.names, pressure.T, strict=True):
-        _refuse_constant(f"sensor {name}", values)
-    for name, values in (("action", action), ("Cd", drag), ("Cl", lift)):
-        _refuse_constant(name, values)
+    names = (*(f"sensor {name}" for name in layout.names), "action", "Cd", "Cl")
+    for name, values in zip(names, (*pressure.T, action, drag, lift), strict=True):
+        if np.ptp(values) == 0.0:
+            raise DatasetError(f"{name} is constant at {values[0]:g} in all training episodes: nothing to learn from")
     mirror = np.arange(len(layout)) if layout.mirror is None else layout.mirror
     mean = pressure.mean(axis=0)
     mean = (mean + mean[mirror]) / 2
@@ -49,11 +49,6 @@ def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Sc
         force_mean=(float(drag.mean()), mean_lift),
         force_std=(float(drag.std()), float(np.sqrt(np.square(lift - mean_lift).mean()))),
     )
-
-
-def _refuse_constant(name: str, values: Array) -> None:
-    if np.ptp(values) == 0.0:
-        raise DatasetError(f"{name} is constant at {values[0]:g} in all training episodes: nothing to learn from")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -74,14 +74,7 @@ def watch(
         for first in range(0, len(told), PERIODS_AT_ONCE):
             part = told[first : first + PERIODS_AT_ONCE]
             readings = replace(StretchReadings.plain(len(part), feedback.pairs), told=part)
-            run = closed_loop(
-                flow,
-                feedback,
-                stream,
-                readings,
-                speeds=speeds[first : first + len(part) + 1],
-                action_limit=goal.share_of_limit() * feedback.limit,
-            )
+            run = closed_loop(flow, feedback, stream, readings, speeds[first : first + len(part) + 1])
             rows += [row.numpy() for row in run.leaves]
             Cd += [one.Cd for one in run.seen[1:]]
     true = np.array(rows)

@@ -4,7 +4,7 @@ flow solver, and a fit of the prior's predictor."""
 import hashlib
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -79,7 +79,8 @@ def refine_model(
     model_folder.check_free(output)
     trained = replace(model.config.train, seed=config.train.seed)
     settings = replace(model.config, train=trained, refine=config.refine, mpc=config.mpc)
-    identity = Identity.of_refinement(settings, model.dataset_sha256, sensors, threads, begins_with)
+    own = {"refine": asdict(settings.refine), **(begins_with or {})}
+    identity = Identity.of(settings, model.dataset_sha256, "cpu", sensors, threads, own)
     checkpoints = Checkpoints.of(output, identity, resume)
     with torch_threads(threads), without_denormals():
         if tuple(sensors) != model.sensors:

@@ -9,7 +9,7 @@ developed wake and the controlled wake.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
@@ -28,27 +28,7 @@ from train.fitting.unfinished import Checkpoints, Reached
 from train.refinement.feedback import Feedback
 from train.refinement.windows import Price, Stream, Stretch, StretchReadings, Task, differentiate
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Done:
-    """A finished stretch: the stream after it, and the gradients, in the order of the feedback's parameters."""
-
-    number: int
-    stream: Stream
-    stretch: Stretch
-    gradients: tuple[Tensor, ...]
-
-
-SideBySide = Callable[[Sequence[Task]], Sequence[Done]]
-
-
-def done(task: Task, flow: DifferentiableFlow) -> Done:
-    """Run a stretch and compute its gradients. Raises the errors of `differentiate`."""
-    task = replace(task, stream=replace(task.stream))
-    task.feedback.zero_grad()
-    stretch = differentiate(flow, task)
-    gradients = tuple(one.grad.clone() for one in task.feedback.parameters() if one.grad is not None)
-    return Done(number=task.number, stream=task.stream, stretch=stretch, gradients=gradients)
+SideBySide = Callable[[Sequence[Task]], Sequence[Stretch]]
 
 
 @contextmanager
@@ -69,8 +49,8 @@ def _begin(flow: Callable[[], DifferentiableFlow]) -> None:
     _FLOW.append(flow())
 
 
-def _run(task: Task) -> Done:
-    return done(task, _FLOW[0])
+def _run(task: Task) -> Stretch:
+    return differentiate(_FLOW[0], task)
 
 
 LARGEST_GRADIENT: Final = 0.5
@@ -106,16 +86,13 @@ class Refined:
     periods: int
 
 
-@dataclass(kw_only=True, eq=False)
 class _Training:
-    feedback: Feedback
-    mean: Feedback
-    optimiser: torch.optim.Adam
-    streams: list[Stream] = field(default_factory=list)
-    stretches: list[Array] = field(default_factory=list)
-    off_design: list[Array] = field(default_factory=list)
-    done: int = 0
-    periods: int = 0
+    def __init__(self, make: Callable[[], Feedback], starts: Sequence[FlowState], settings: RefineConfig) -> None:
+        self.feedback, self.mean = make(), make()
+        self.optimiser = torch.optim.Adam(self.feedback.parameters(), lr=settings.learning_rate)
+        self.streams = [Stream.begun(start, self.feedback, settings.slowest) for start in starts]
+        self.stretches, self.off_design = list[Array](), list[Array]()
+        self.done = self.periods = 0
 
     def as_tree(self) -> dict[str, Any]:
         return {
@@ -173,18 +150,12 @@ def refine(
     runs an update's stretches in parallel; if None, they run in turn on `flow`. An update's random draws depend only on
     the seed and the update's number.
     """
-    feedback, mean = make(), make()
-    run = _Training(
-        feedback=feedback,
-        mean=mean,
-        optimiser=torch.optim.Adam(feedback.parameters(), lr=settings.learning_rate),
-        streams=[Stream.begun(start, feedback, settings.slowest) for start in starts],
-    )
+    run = _Training(make, starts, settings)
     if checkpoints is not None and (tree := checkpoints.load(Phase.REFINE)):
         run.take(tree)
     while run.done < settings.updates:
         tasks = _tasks(run, starts, settings, deviations, np.random.default_rng([seed, run.done]))
-        finished = [done(task, flow) for task in tasks] if side_by_side is None else side_by_side(tasks)
+        finished = [differentiate(flow, task) for task in tasks] if side_by_side is None else side_by_side(tasks)
         _update(run, finished, settings, progress)
         if checkpoints is not None and (run.done % KEEP_EVERY == 0 or run.done == settings.updates):
             reached = Reached(phase=Phase.REFINE, step=run.done, total=settings.updates)
@@ -220,7 +191,6 @@ def _tasks(
                 price=Price(lift=lift, motion=settings.motion_price, effort=effort),
                 readings=_readings(settings, deviations, speeds[:-1], rng),
                 speeds=speeds,
-                action_limit=stream.goal.share_of_limit() * run.feedback.limit,
             )
         )
     return tasks
@@ -259,7 +229,7 @@ def _next_speed(stream: Stream, settings: RefineConfig, rng: np.random.Generator
     return stream.speed + share * (anywhere - stream.speed)
 
 
-def _update(run: _Training, results: Sequence[Done], settings: RefineConfig, progress: Progress) -> None:
+def _update(run: _Training, results: Sequence[Stretch], settings: RefineConfig, progress: Progress) -> None:
     for group in run.optimiser.param_groups:
         group["lr"] = settings.learning_rate * settings.last_rate ** (run.done / settings.updates)
     cut = [_cut(one.gradients) for one in results]
@@ -269,9 +239,9 @@ def _update(run: _Training, results: Sequence[Done], settings: RefineConfig, pro
     run.done += 1
     for one in results:
         run.streams[one.number] = one.stream
-        near = one.stretch.off_design <= NEAR_DESIGN
-        (run.stretches if near else run.off_design).append(one.stretch.rows)
-        run.periods += one.stretch.periods
+        near = one.off_design <= NEAR_DESIGN
+        (run.stretches if near else run.off_design).append(one.rows)
+        run.periods += one.periods
     for kept in (run.stretches, run.off_design):
         while sum(map(len, kept)) > LAST_ROWS:
             kept.pop(0)
@@ -279,7 +249,7 @@ def _update(run: _Training, results: Sequence[Done], settings: RefineConfig, pro
         share = 1.0 / MEAN_OVER if run.done > MEAN_OVER else 1.0
         for slow, new in zip(run.mean.parameters(), run.feedback.parameters(), strict=True):
             slow.lerp_(new, share)
-    means = {name: float(np.mean([getattr(one.stretch, name) for one in results])) for name in ("Cd", "abs_Cl")}
+    means = {name: float(np.mean([getattr(one, name) for one in results])) for name in ("Cd", "abs_Cl")}
     progress(Phase.REFINE, run.done, settings.updates, {"Cd": means["Cd"], "abs Cl": means["abs_Cl"]})
 
 

@@ -2,7 +2,7 @@
 is a flow under the feedback; a stretch is an interval of a stream."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, hypot
 from typing import Final, Self
 
@@ -79,41 +79,48 @@ class Stream:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stretch:
-    """The results of a stretch: mean coefficients, and n resampled rows (n, p + 1). A row has the p differences without
-    errors and the action, in units of the present speed. `off_design` is the largest distance of the speeds from the
-    design speed, in units of the design speed."""
+    """The results of a stretch: the number of the stream, the stream after the stretch, the gradients of the mean cost
+    in the order of the feedback's parameters, mean coefficients, and n resampled rows (n, p + 1). A row has the p
+    differences without errors and the action, in units of the present speed. `off_design` is the largest distance of
+    the speeds from the design speed, in units of the design speed."""
 
+    number: int
+    stream: Stream
+    gradients: tuple[Tensor, ...]
     Cd: float
     abs_Cl: float
     rows: Array
     periods: int
-    off_design: float = 0.0
+    off_design: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Task:
     """A stretch of n periods to be run in the stream with this number. `speeds` (n + 1,) are the flow's speeds at the
-    samples, and `action_limit` is the limit of the jets at every speed; both are in units of the design speed."""
+    samples, in units of the design speed."""
 
     feedback: Feedback
     stream: Stream
     price: Price
     readings: StretchReadings
     speeds: Array
-    action_limit: float
     number: int = 0
 
 
 def differentiate(flow: DifferentiableFlow, task: Task) -> Stretch:
-    """Run a stretch, advance the stream, and add the gradient of the mean cost to the gradients of the feedback's
-    parameters. The timing is as on the vehicle: the command computed from the sample of t_k is in force at the end of
-    period k + 1. Raises PlantError if the flow diverged, or the stretch is too long for the tape's memory."""
-    speeds, readings = task.speeds, task.readings
-    run = closed_loop(flow, task.feedback, task.stream, readings, speeds=speeds, action_limit=task.action_limit)
+    """Run a stretch, and compute the gradients of the mean cost. The timing is as on the vehicle: the command computed
+    from the sample of t_k is in force at the end of period k + 1. Raises PlantError if the flow diverged, or the
+    stretch is too long for the tape's memory."""
+    speeds, readings, stream = task.speeds, task.readings, replace(task.stream)
+    task.feedback.zero_grad()
+    run = closed_loop(flow, task.feedback, stream, readings, speeds)
     _go_back(flow, run, task.price, readings.told)
     past = speeds[:-1].tolist()
     count = len(places(past, len(past) * ceil(max(past))).newer)
     return Stretch(
+        number=task.number,
+        stream=stream,
+        gradients=tuple(one.grad.clone() for one in task.feedback.parameters() if one.grad is not None),
         Cd=float(np.mean([one.Cd for one in run.seen[1:]])),
         abs_Cl=float(np.mean([abs(one.Cl) for one in run.seen[1:]])),
         rows=np.asarray(read(torch.from_numpy(run.true_rows), past, count)),
@@ -126,32 +133,24 @@ def differentiate(flow: DifferentiableFlow, task: Task) -> Stretch:
 class ClosedLoop:
     """The n + 1 samples, n actions and n commands of a stretch of n periods, on torch's graph for gradients. `leaves`
     are n rows (2 p + 1,) as the feedback received them. `true_rows` (n, p + 1) have differences without errors, and the
-    action. `read` has an entry for each period whose pressures are not lost: the rows (M, 2 p + 1) and the speed that
-    the feedback read, and the feedback's action; rows and action are in units of this speed."""
+    action."""
 
     seen: list[Seen]
     actions: list[float]
     leaves: list[Tensor]
     commands: list[Tensor]
-    read: list[tuple[Tensor, float, Tensor]]
     true_rows: Array
 
 
 def closed_loop(
-    flow: DifferentiableFlow,
-    feedback: Feedback,
-    stream: Stream,
-    readings: StretchReadings,
-    *,
-    speeds: Array,
-    action_limit: float,
+    flow: DifferentiableFlow, feedback: Feedback, stream: Stream, readings: StretchReadings, speeds: Array
 ) -> ClosedLoop:
-    """Run a stretch and advance the stream, without the backward pass. Raises the errors of `differentiate`."""
-    pairs = feedback.pairs
+    """Run a stretch and advance the stream, without the backward pass. The jets have the limit of the stream's goal at
+    every speed. Raises the errors of `differentiate`."""
+    pairs, limit = feedback.pairs, stream.goal.share_of_limit() * feedback.limit
     rows, past = list(torch.from_numpy(stream.rows[1:])), stream.speeds[1:].tolist()
     leaves, commands, true_rows = list[Tensor](), list[Tensor](), list[list[float]]()
     seen, actions = [flow.begin(stream.state, speeds)], list[float]()
-    windows = list[tuple[Tensor, float, Tensor]]()
     kept = len(stream.rows)
     for k in range(len(readings.noise)):
         told = float(speeds[k] * readings.told[k])
@@ -166,18 +165,15 @@ def closed_loop(
         if not readings.lost[k]:
             window = read(torch.stack(rows[-kept:]), past[-kept:], feedback.memory)
             action = feedback(window, told, stream.goal)
-            windows.append((window, told, action))
             command = before + min(1.0, told * told) * (action * told - before)
-        commands.append(command.clamp(-action_limit, action_limit))
+        commands.append(command.clamp(-limit, limit))
         seen.append(flow.advance(stream.committed))
         actions.append(stream.committed)
         stream.committed = float(commands[-1].detach())
     stream.speed = float(speeds[-1])
     stream.rows, stream.speeds = torch.stack(rows[-kept:]).detach().numpy(), np.array(past[-kept:])
     stream.state, stream.stretches = flow.state(), stream.stretches + 1
-    return ClosedLoop(
-        seen=seen, actions=actions, leaves=leaves, commands=commands, read=windows, true_rows=np.array(true_rows)
-    )
+    return ClosedLoop(seen=seen, actions=actions, leaves=leaves, commands=commands, true_rows=np.array(true_rows))
 
 
 def read(rows: Tensor, speeds: Sequence[float], memory: int) -> Tensor:

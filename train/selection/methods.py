@@ -11,7 +11,6 @@ latents are computed once for all sensors; a choice of sensors uses a small bloc
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Final
 
@@ -20,7 +19,7 @@ import scipy.linalg
 import torch
 
 from contract.arrays import Array, Mask
-from contract.config.learning import SelectionMethod, TrainConfig
+from contract.config.learning import TrainConfig
 from contract.errors import ConfigError, DatasetError
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
@@ -60,10 +59,11 @@ def sample(encoder: Encoder, rows: Rows, seed: int) -> tuple[tuple[Array, Array]
     return (x[:fitted], z[:fitted]), (x[fitted:], z[fitted:])
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class RidgeStudent:
-    """The products of F lags and N_z latents, as means over windows. Lags and latents are centred on their means over
-    the fitted windows.
+    """The ridge student of an encoder from windows drawn with `seed`, for sensor noise of the given level. It has the
+    products of F lags and N_z latents, as means over windows. Lags and latents are centred on their means over the
+    fitted windows. White noise only adds its power to the diagonal of the lags' products, so no noise is drawn. Raises
+    DatasetError if there are too few windows, or all their latents are equal.
 
     Attributes:
         gram, cross: products of the fitted windows' lags with each other (F, F) and with the latents (F, N_z).
@@ -73,13 +73,18 @@ class RidgeStudent:
         noise_power: mean square of the noise on each column; the last entry is for the action.
     """
 
-    gram: Array
-    cross: Array
-    judged_gram: Array
-    judged_cross: Array
-    judged_power: float
-    lags: int
-    noise_power: Array
+    def __init__(self, encoder: Encoder, rows: Rows, seed: int, sensor_noise: float = 0.0) -> None:
+        (x, z), (judged_x, judged_z) = sample(encoder, rows, seed)
+        mean_x, mean_z = x.mean(axis=0), z.mean(axis=0)
+        x, z, judged_x, judged_z = x - mean_x, z - mean_z, judged_x - mean_x, judged_z - mean_z
+        self.judged_power = float(np.square(judged_z).sum() / len(judged_z))
+        if self.judged_power == 0.0:
+            raise DatasetError("latents are the same in all windows: no choice of sensors is better than another")
+        self.gram, self.cross = x.T @ x / len(x), x.T @ z / len(x)
+        self.judged_gram = judged_x.T @ judged_x / len(judged_x)
+        self.judged_cross = judged_x.T @ judged_z / len(judged_x)
+        self.lags = -(-encoder.window // STRIDE)
+        self.noise_power = np.append(np.square(rows.noise(sensor_noise).cpu().numpy().astype(np.float64)), 0.0)
 
     @property
     def sensors(self) -> int:
@@ -97,27 +102,6 @@ class RidgeStudent:
         explained = 2.0 * np.sum(weights * self.judged_cross[places])
         explained -= np.sum(weights * ((self.judged_gram[block] + noise) @ weights))
         return float(1.0 - explained / self.judged_power)
-
-
-def ridge_student(encoder: Encoder, rows: Rows, seed: int, sensor_noise: float = 0.0) -> RidgeStudent:
-    """Compute the student of an encoder from windows drawn with `seed`, for sensor noise of the given level. White
-    noise only adds its power to the diagonal of the lags' products, so no noise is drawn. Raises DatasetError if there
-    are too few windows, or all their latents are equal."""
-    (x, z), (judged_x, judged_z) = sample(encoder, rows, seed)
-    mean_x, mean_z = x.mean(axis=0), z.mean(axis=0)
-    x, z, judged_x, judged_z = x - mean_x, z - mean_z, judged_x - mean_x, judged_z - mean_z
-    power = float(np.square(judged_z).sum() / len(judged_z))
-    if power == 0.0:
-        raise DatasetError("latents are the same in all windows: no choice of sensors is better than another")
-    return RidgeStudent(
-        gram=x.T @ x / len(x),
-        cross=x.T @ z / len(x),
-        judged_gram=judged_x.T @ judged_x / len(judged_x),
-        judged_cross=judged_x.T @ judged_z / len(judged_x),
-        judged_power=power,
-        lags=-(-encoder.window // STRIDE),
-        noise_power=np.append(np.square(rows.noise(sensor_noise).cpu().numpy().astype(np.float64)), 0.0),
-    )
 
 
 RANDOM_DRAWS: Final = 64
@@ -196,22 +180,16 @@ def select_random(
     return best
 
 
-def select(
-    method: SelectionMethod,
-    encoder: Encoder,
-    rows: Rows,
-    count: int,
-    *,
-    settings: TrainConfig,
-    progress: Progress = silent,
-) -> tuple[str, ...]:
-    """Return the names of the chosen sensors, in the method's order, from rows with all sensors' columns.
+def select(encoder: Encoder, rows: Rows, settings: TrainConfig, *, progress: Progress = silent) -> tuple[str, ...]:
+    """Return the names of `settings.sensors` sensors in the order of the method `settings.selection`, from rows with
+    all sensors' columns.
 
     "qr": pivots of the pressures' POD modes. "greedy": forward selection with the ridge student. "random": the best of
     `RANDOM_DRAWS` choices according to the ridge student. "hand": by position alone. The ranking for "shap" is in
-    `train.selection.shap_ranking`. Only seed and sensor noise of the settings are used. Raises ConfigError for a
-    `count` out of range, or "hand" without mirror images or base sensors; DatasetError if `rows` has too few windows.
+    `train.selection.shap_ranking`. Raises ConfigError for a number of sensors out of range, or "hand" without mirror
+    images or base sensors; DatasetError if `rows` has too few windows.
     """
+    method, count = settings.selection, settings.sensors
     check_count(count, rows.sensors)
     if method == "qr":
         chosen = select_qr(rows, count)
@@ -220,7 +198,7 @@ def select(
     else:
         # Hashing gives two independent seeds, which also differ between runs with neighbouring seeds.
         windows, choices = np.random.SeedSequence(settings.seed).generate_state(2).tolist()
-        student = ridge_student(encoder, rows, windows, settings.sensor_noise)
+        student = RidgeStudent(encoder, rows, windows, settings.sensor_noise)
         if method == "greedy":
             chosen = select_greedy(student, count, progress=progress)
         else:

@@ -25,6 +25,8 @@ from wake.openfoam.mesh import PATCHES, Mesh
 JETS: Final = ("jetUpper", "jetLower")
 DRIVEN: Final = ("inlet", *JETS)
 """The patches whose velocity changes with time, in the order in which icoFoam updates them."""
+FORCE_OBJECTS: Final = {"truck": "forcesTruck", "jetUpper": "forcesJetUpper", "jetLower": "forcesJetLower"}
+"""The name of the function object that measures the force on a patch, by the patch's name."""
 BOUNDARY: Final[dict[str, Any]] = {
     "type": "timeVaryingMappedFixedValue",
     "offset": (0, 0, 0),
@@ -91,18 +93,15 @@ def _begin(folder: Path, mesh: Mesh, patch: str, action: float, stream: float) -
     return data
 
 
-_PROBED: Final = ("truck", "jetUpper", "jetLower")
-
-
 def pressure_points(mesh: Mesh) -> Array:
     """Return the centres of the n cells on the straight walls and the slots, (n, 2)."""
-    return np.vstack([mesh.centres[mesh.patch_cells[name]][_straight(mesh, name)] for name in _PROBED])
+    return np.vstack([mesh.centres[mesh.patch_cells[name]][_straight(mesh, name)] for name in FORCE_OBJECTS])
 
 
 def sensor_weights(mesh: Mesh) -> Array:
     """Return the weights, (92, n), of the kinematic pressures at the n `pressure_points`. The first 90 weighted sums
     are Cp at the sensors. The last two are the mean Cp over each slot, weighted with the jet profile."""
-    at = np.vstack([mesh.patch_centres(name)[_straight(mesh, name)] for name in _PROBED])
+    at = np.vstack([mesh.patch_centres(name)[_straight(mesh, name)] for name in FORCE_OBJECTS])
     on_base = np.abs(at[:, 0] - LENGTH) < 1e-9
     rows = []
     for x, y in sensors.TRUCK.positions:
@@ -142,8 +141,6 @@ def _between(along: Array, wall: npt.NDArray[np.bool_], place: float) -> Array:
     return weight
 
 
-FORCE_OBJECTS: Final = {"truck": "forcesTruck", "jetUpper": "forcesJetUpper", "jetLower": "forcesJetLower"}
-"""The name of the function object that measures the force on a patch, by the patch's name."""
 PRESSURES: Final = "wallPressures"
 PROBE_OBJECT: Final = "wakeProbe"
 
@@ -213,11 +210,8 @@ _SOLVERS: Final[dict[str, Any]] = {
 
 def _control(mesh: Mesh, end: float, dt: float, steps_per_write: int, steps_per_sample: int) -> dict[str, Any]:
     # The function objects for forces read the entries of `execute`, and those for probes the entries of `write`.
-    every_sample = {
-        f"{what}{setting}": value
-        for what in ("execute", "write")
-        for setting, value in (("Control", "timeStep"), ("Interval", steps_per_sample))
-    }
+    n = steps_per_sample
+    every_sample = {"executeControl": "timeStep", "executeInterval": n, "writeControl": "timeStep", "writeInterval": n}
     forces = {
         name: {
             "type": "forces", "libs": '("libforces.so")', "patches": (patch,), "rho": "rhoInf", "rhoInf": 1,

@@ -25,7 +25,6 @@ from wake.plant.sample import Sample
 from wake.truck.surface import MOMENTUM_FACTOR
 
 _FILES: Final = {**dict.fromkeys(FORCE_OBJECTS.values(), "force.dat"), PRESSURES: "p", PROBE_OBJECT: "U"}
-_SAME: Final = 1e-6  # largest difference in t_c between rounded times of one instant
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,23 +111,20 @@ class Follower:
         return np.array(lines[-1].translate(None, b"()").split(), dtype=np.float64)
 
 
-def read_all(folder: Path) -> tuple[Array, list[Readings]]:
-    """Read times and readings of a whole case. If the case was restarted, lines written after the restart replace all
-    older lines from the restart's time on. Raises PlantError if the case holds no measurements."""
-    tables = {name: _series(folder / "postProcessing" / name, file) for name, file in _FILES.items()}
-    times = min((table[:, 0] for table in tables.values()), key=len)
-    tables = {name: table[np.searchsorted(table[:, 0], times - _SAME)] for name, table in tables.items()}
-    return times, [_readings({name: table[k] for name, table in tables.items()}) for k in range(len(times))]
-
-
-def _series(folder: Path, file: str) -> Array:
-    try:
-        table = read_foam_table(folder, re.escape(file), cut_off=True)
-    except (OSError, ValueError) as error:
-        raise PlantError(f"{folder}: {error}") from error
-    if table is None:
-        raise PlantError(f"{folder}: icoFoam has written no measurements")
-    return table.rows
+def read_at(folder: Path, t: float) -> Readings:
+    """Read the measurements of a whole case, which may have been restarted, at the time nearest to t. Raises PlantError
+    if the case holds no measurements."""
+    rows = {}
+    for name, file in _FILES.items():
+        path = folder / "postProcessing" / name
+        try:
+            table = read_foam_table(path, re.escape(file), cut_off=True)
+        except (OSError, ValueError) as error:
+            raise PlantError(f"{path}: {error}") from error
+        if table is None:
+            raise PlantError(f"{path}: icoFoam has written no measurements")
+        rows[name] = table.rows[np.abs(table.rows[:, 0] - t).argmin()]
+    return _readings(rows)
 
 
 def _readings(rows: dict[str, Array]) -> Readings:

@@ -5,7 +5,6 @@ and back along the upper side. Its lines leave the wall along the normal, and fa
 domain's corners. A tensor-product block fills the wake between the ends of the C. Both blocks are symmetric in y.
 """
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -36,9 +35,9 @@ _ACROSS: Final = ((0.0, 0.036), (0.25, 0.032), (0.43, 0.0125), (0.5, 0.0125))
 _ROUND_UP_TO: Final = 1.0
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Mesh:
-    """A plane mesh of quadrilaterals with n vertices and m cells. A patch, or the interior, has k edges.
+    """A plane mesh of quadrilaterals with n vertices and m cells. A patch, or the interior, has k edges. Each vertex
+    line of a patch (`lines`) contains boundary edges, and may run in either direction.
 
     Attributes:
         points, cells: vertices (n, 2), and vertex indices of each cell counter-clockwise (m, 4).
@@ -47,13 +46,21 @@ class Mesh:
         patches, patch_cells: edges (k, 2) of each patch, with the flow on their left, and their cells (k,).
     """
 
-    points: Array
-    cells: Index
-    edges: Index
-    owner: Index
-    neighbour: Index
-    patches: dict[str, Index]
-    patch_cells: dict[str, Index]
+    def __init__(self, points: Array, cells: Index, lines: dict[str, list[Index]]) -> None:
+        self.points, self.cells, n = points, cells, len(points)
+        pairs, cell, other, code = _match(cells, n)
+        mine = np.flatnonzero((other >= 0) & (cell < cell[other]))
+        mine = mine[np.lexsort((cell[other[mine]], cell[mine]))]
+        self.edges, self.owner, self.neighbour = pairs[mine], cell[mine], cell[other[mine]]
+        outside = np.flatnonzero(other < 0)
+        self.patches, self.patch_cells = dict[str, Index](), dict[str, Index]()
+        for name in PATCHES:
+            ends = np.vstack([np.column_stack([line[:-1], line[1:]]) for line in lines[name]])
+            codes = np.concatenate([ends @ np.array([n, 1]), ends @ np.array([1, n])])
+            faces = outside[np.isin(code[outside], codes)]
+            faces = faces[np.argsort(cell[faces], kind="stable")]
+            self.patches[name], self.patch_cells[name] = pairs[faces], cell[faces]
+        assert sum(map(len, self.patches.values())) == len(outside), "every boundary edge belongs to one patch"
 
     @property
     def centres(self) -> Array:
@@ -98,7 +105,7 @@ def truck_mesh(refinement: float = 1.0) -> Mesh:
         "jetUpper": [base[-1 - slot_cells :]],
         "jetLower": [base[: slot_cells + 1]],
     }
-    return _connect(points, cells, patches)
+    return Mesh(points, cells, patches)
 
 
 def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
@@ -166,32 +173,3 @@ def _renumbering(cells: Index, n: int) -> Index:
     a, b = cell[inside], cell[other[inside]]
     graph = coo_array((np.ones(len(a)), (a, b)), shape=(len(cells), len(cells))).tocsr()
     return np.asarray(reverse_cuthill_mckee(graph, symmetric_mode=True), dtype=np.int64)
-
-
-def _connect(points: Array, cells: Index, lines: dict[str, list[Index]]) -> Mesh:
-    """Find the internal edges, and assign every boundary edge to the patch whose vertex line contains the edge."""
-    n = len(points)
-    pairs, cell, other, code = _match(cells, n)
-    mine = np.flatnonzero((other >= 0) & (cell < cell[other]))
-    owner, neighbour = cell[mine], cell[other[mine]]
-    order = np.lexsort((neighbour, owner))
-    outside = np.flatnonzero(other < 0)
-    patches, patch_cells, taken = {}, {}, 0
-    for name in PATCHES:
-        # A vertex line may run in either direction.
-        ends = np.vstack([np.column_stack([line[:-1], line[1:]]) for line in lines[name]])
-        codes = np.concatenate([ends @ np.array([n, 1]), ends @ np.array([1, n])])
-        faces = outside[np.isin(code[outside], codes)]
-        faces = faces[np.argsort(cell[faces], kind="stable")]
-        patches[name], patch_cells[name] = pairs[faces], cell[faces]
-        taken += len(faces)
-    assert taken == len(outside), "every boundary edge belongs to one patch"
-    return Mesh(
-        points=points,
-        cells=cells,
-        edges=pairs[mine][order],
-        owner=owner[order],
-        neighbour=neighbour[order],
-        patches=patches,
-        patch_cells=patch_cells,
-    )

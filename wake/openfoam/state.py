@@ -20,7 +20,7 @@ from contract.config.plant import FlowConfig, OpenFoamConfig
 from contract.errors import PlantError
 from contract.npz import read_npz
 from wake.openfoam import case, foam_files
-from wake.openfoam.measurements import Readings, read_all
+from wake.openfoam.measurements import Readings, read_at
 from wake.openfoam.mesh import Mesh, truck_mesh
 from wake.openfoam.process import LOG, IcoFoam, require_installed
 from wake.solver.grid import Flow, truck_grid
@@ -90,9 +90,8 @@ def written(folder: Path, dt: float) -> FoamState:
     latest = foam_files.latest(folder)
     if latest is None:
         raise PlantError(f"{folder}: icoFoam has written no state")
-    times, readings = read_all(folder)
-    at = int(np.argmin(np.abs(times - float(latest.name))))
-    return FoamState(files=read_fields(latest), dt=dt, readings=readings[at], action=0.0, substep=0)
+    readings = read_at(folder, float(latest.name))
+    return FoamState(files=read_fields(latest), dt=dt, readings=readings, action=0.0, substep=0)
 
 
 def save(path: Path, state: FoamState, facts: str) -> None:

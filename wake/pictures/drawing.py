@@ -22,7 +22,7 @@ from contract.config.body import BodyConfig
 from contract.errors import ConfigError
 from contract.geometry import HALF_WIDTH, JET_WIDTH
 from wake.pictures.fields import Raster, View, velocity
-from wake.plant.protocol import Drawable
+from wake.plant.protocol import LivePlant
 from wake.solver.grid import Flow, Grid
 from wake.truck.develop import recirculation_length
 from wake.truck.truck_wake import TruckWake
@@ -55,7 +55,7 @@ class WakePicture:
     coloured by their Cp (None means all); other sensors are small dots. The colour scales are fixed."""
 
     def __init__(
-        self, wake: Drawable, kind: Kind = "vorticity", sensor_names: Sequence[str] | None = None, width: int = 1100
+        self, wake: LivePlant, kind: Kind = "vorticity", sensor_names: Sequence[str] | None = None, width: int = 1100
     ) -> None:
         self._wake = wake
         self._kind: Kind = kind
@@ -65,7 +65,7 @@ class WakePicture:
         self._chosen = layout.indices(layout.names if sensor_names is None else sensor_names)
         grid, level = wake.grid, _LEVEL[kind]
         nodes = (grid.xf[1:-1], grid.yf[1:-1]) if kind == "vorticity" else (grid.xc, grid.yc)
-        self._raster = Raster.of(*nodes, VIEW, width)
+        self._raster = Raster(*nodes, VIEW, width)
         colours, limits = (FIELD_COLOURS, (-level, level)) if kind == "pressure" else (SENSOR_COLOURS, SENSOR_RANGE)
         dots = 4.0 if len(self._chosen) > len(layout) // 2 else 6.0
         self.figure, axes = _figure(10.0, 3.1, width / 10.0, VIEW)
@@ -80,12 +80,8 @@ class WakePicture:
             places[self._chosen, 0], places[self._chosen, 1], c=np.zeros(len(self._chosen)), s=dots**2, cmap=colours,
             norm=Normalize(*limits), edgecolors="black", linewidths=0.4, zorder=5, clip_on=False,
         )  # fmt: skip
-        self._jets = {
-            side: Polygon(
-                jet_arrow(0.0, side, wake.body.length), closed=True, edgecolor="black", linewidth=0.5, zorder=6
-            )
-            for side in (1, -1)
-        }
+        edge: Any = {"edgecolor": "black", "linewidth": 0.5, "zorder": 6}
+        self._jets = {side: Polygon(jet_arrow(0.0, side, wake.body.length), **edge) for side in (1, -1)}
         for arrow in self._jets.values():
             axes.add_patch(arrow)
         self._title = axes.set_title(" ", family="monospace", loc="left")
@@ -156,7 +152,7 @@ def draw_mean(
     axes: Axes, grid: Grid, body: BodyConfig, mean: Flow, view: View, *, density: tuple[float, float]
 ) -> AxesImage:
     """Draw the area `view` of a mean flow: u in colour, streamlines of the given density, the line u = 0, the body."""
-    raster = Raster.of(grid.xc, grid.yc, view, 900)
+    raster = Raster(grid.xc, grid.yc, view, 900)
     u, v = (raster(component) for component in velocity(mean))
     x, y = np.meshgrid(raster.x, raster.y)
     inside = (x > 0.0) & (x < body.length) & (np.abs(y) < HALF_WIDTH)

@@ -5,7 +5,6 @@ little space, and the page that shows the picture chooses a colour for each leve
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -15,7 +14,7 @@ from scipy.sparse import csr_array
 from contract.arrays import Array
 from contract.errors import PlantError
 from contract.geometry import HALF_WIDTH
-from wake.plant.protocol import Drawable
+from wake.plant.protocol import LivePlant
 from wake.solver.grid import Flow
 from wake.truck.truck_wake import TruckWake
 
@@ -47,27 +46,20 @@ def mean_flow(
     return mean
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Raster:
-    """A linear interpolation from the nodes of a tensor grid to square pixels. The pixels' centres are x (width,) and y
-    (height,), in increasing order. `across` (width, len(nodes_x)) and `up` (height, len(nodes_y)) are weights."""
+    """A linear interpolation from the nodes of a tensor grid to square pixels, `width` of them across `view`. Outside
+    the outermost nodes the field is constant. The pixels' centres are x (width,) and y (height,), in increasing order.
+    """
 
-    x: Array
-    y: Array
-    across: csr_array
-    up: csr_array
-
-    @classmethod
-    def of(cls, nodes_x: Array, nodes_y: Array, view: View, width: int) -> "Raster":
-        """Build the raster with `width` pixels across `view`; outside the outermost nodes the field is constant."""
+    def __init__(self, nodes_x: Array, nodes_y: Array, view: View, width: int) -> None:
         size = (view[1] - view[0]) / width
-        x = np.asarray(view[0] + size * (np.arange(width) + 0.5), dtype=np.float64)
-        y = np.asarray(view[2] + size * (np.arange(round((view[3] - view[2]) / size)) + 0.5), dtype=np.float64)
-        return cls(x=x, y=y, across=_weights(nodes_x, x), up=_weights(nodes_y, y))
+        self.x = np.asarray(view[0] + size * (np.arange(width) + 0.5), dtype=np.float64)
+        self.y = np.asarray(view[2] + size * (np.arange(round((view[3] - view[2]) / size)) + 0.5), dtype=np.float64)
+        self._across, self._up = _weights(nodes_x, self.x), _weights(nodes_y, self.y)
 
     def __call__(self, field: Array) -> Array:
         """Interpolate a field (len(nodes_x), len(nodes_y)) to pixels (height, width). Row 0 is at the bottom."""
-        return np.asarray(self.up @ (self.across @ field).T)
+        return np.asarray(self._up @ (self._across @ field).T)
 
 
 def _weights(nodes: Array, at: Array) -> csr_array:
@@ -110,11 +102,11 @@ _HALF_HEIGHT: Final = 2.25
 class LevelPicture:
     """A picture of a plant's present vorticity. The level is 0 inside the body. `size` is (width, height) in pixels."""
 
-    def __init__(self, wake: Drawable) -> None:
+    def __init__(self, wake: LivePlant) -> None:
         self._wake = wake
         left, right = (round(wake.body.length + each, 9) for each in (-_BEFORE_BASE, _BEHIND_BASE))
         self.view: View = (left, right, -_HALF_HEIGHT, _HALF_HEIGHT)
-        self._raster = Raster.of(wake.grid.xf[1:-1], wake.grid.yf[1:-1], self.view, _WIDTH)
+        self._raster = Raster(wake.grid.xf[1:-1], wake.grid.yf[1:-1], self.view, _WIDTH)
         x, y = self._raster.x, self._raster.y
         self._flow = ((x[None, :] < 0.0) | (x[None, :] > wake.body.length)) | (np.abs(y[:, None]) > HALF_WIDTH)
         self.size = (_WIDTH, len(y))

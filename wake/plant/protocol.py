@@ -36,8 +36,8 @@ class LoopPlant(Plant, Protocol):
         """Description of solver, mesh and time step."""
 
 
-class Drawable(Protocol):
-    """The part of a plant's interface that a picture uses."""
+class LivePlant(LoopPlant, Protocol):
+    """The part of a plant's interface that pictures, and a run with pictures, use."""
 
     @property
     def grid(self) -> Grid: ...
@@ -46,25 +46,14 @@ class Drawable(Protocol):
     @property
     def body(self) -> BodyConfig: ...
     @property
-    def layout(self) -> SensorLayout:
-        """Layout of the sensors in a sample's Cp."""
-
-    @property
     def t(self) -> float:
         """Time in t_c."""
-
-    def sample(self) -> Sample:
-        """Return the present measurements."""
 
     def vorticity(self) -> Array:
         """Return the vorticity in the grid's inner corners, (nx - 1, ny - 1); units U_inf / W."""
 
     def pressure(self) -> Array | None:
         """Return Cp in the grid's cells, (nx, ny); None if the plant has the pressure on the walls only."""
-
-
-class LivePlant(LoopPlant, Drawable, Protocol):
-    """The part of a plant's interface that a run with pictures uses."""
 
 
 @runtime_checkable

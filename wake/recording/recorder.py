@@ -22,27 +22,11 @@ from wake.recording.episode_job import EpisodeJob, EpisodeProgress, NoFeedback, 
 from wake.recording.plans import CalmRound, ControlledRound, EpisodePlan, Plan
 from wake.truck.truck_wake import TruckWake
 
-
-def is_finished(output: Path, jobs: Sequence[EpisodeJob]) -> bool:
-    """Return whether the file exists and holds all episodes of the jobs, recorded with equal settings. Episodes that
-    later rounds have added are not compared. Raises OutputError if the file cannot be read or holds another
-    recording; the message states the first difference."""
-    if not output.exists():
-        return False
-    try:
-        there = read(output).episodes
-    except DatasetError as error:
-        raise OutputError(f"{output}: exists, but cannot be read ({error}); {_WAYS}") from error
-    difference = _difference(there, jobs)
-    if difference:
-        raise OutputError(f"{output}: holds another recording ({difference}); {_WAYS}")
-    return True
-
-
 _WAYS: Final = "give --overwrite to replace it, or another name"
 
 
 def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | None:
+    """Return the first difference of a file's episodes from those of the jobs; episodes of rounds are not compared."""
     by_name = {episode.name: episode for episode in there}
     for job in jobs:
         plan, episode = job.plan, by_name.pop(job.plan.name, None)
@@ -99,7 +83,13 @@ def record(
     diverges, or cannot start in `start`.
     """
     wanted = jobs_for(output, plans, config, block_steps=block_steps, start=start)
-    if not overwrite and is_finished(output, wanted):
+    if output.exists() and not overwrite:
+        try:
+            there = read(output).episodes
+        except DatasetError as error:
+            raise OutputError(f"{output}: exists, but cannot be read ({error}); {_WAYS}") from error
+        if difference := _difference(there, wanted):
+            raise OutputError(f"{output}: holds another recording ({difference}); {_WAYS}")
         # An earlier call may have been killed after it wrote the file and before it removed its parts.
         if wanted[0].parts.task() == task_of(wanted):
             wanted[0].parts.clear()

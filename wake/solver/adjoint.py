@@ -302,37 +302,21 @@ class FlowAdjoint(CopiedWhole):
         """Propagate sensitivities from a run's end to its beginning; `bar` is overwritten. `starts` (steps, size of the
         buffer) are the flows that `FlowSolver.run` stored; the other arguments are those with which it was called.
         Returns the sensitivities to `action_from` and `action_to`."""
-        solver, steps = self._solver, len(starts)
-        slot_velocity = solver.slot_velocity(action_from, action_to, steps)
-        slot_bar = np.zeros_like(slot_velocity)
+        solver, domain, steps = self._solver, self._solver.domain, len(starts)
+        slots = solver.slot_velocity(action_from, action_to, steps)
+        slot_bar = np.zeros_like(slots)
+        u, v, spacing, work = bar.u, bar.v, domain.spacing, self._work
         for step in range(steps - 1, -1, -1):
-            self._step(bar, starts[step], dt, slot_velocity[step], slot_bar[step], *gusting(wind, dt, step))
-        to_actions = slot_bar @ solver.slot_profile[solver.domain.slot_rows]
+            start, (blown, gained) = Flow.of(starts[step], solver.grid.shape), gusting(wind, dt, step)
+            back_walls(u, v, domain.walls)
+            back_edges(u, v)
+            back_correct(bar, self._phi, dt, solver.between, spacing.dyc, domain.runs)
+            solver.poisson.solve_into(self._phi, self._b)
+            back_divergence(self._b, u, v, spacing.dx, spacing.dy, solver.boundary.cell_runs)
+            kernels.clear_walls(u, v, domain.walls)
+            work.flat[:] = start.flat
+            rates, stages = (self._rates, self._second), (A, dt * B, slots[step], blown, gained)
+            back_stages(bar, slot_bar[step], start, work, *rates, *stages, domain)
+        to_actions = slot_bar @ solver.slot_profile[domain.slot_rows]
         ramp = stage_ends(steps) / steps
         return float(np.sum((1.0 - ramp) * to_actions)), float(np.sum(ramp * to_actions))
-
-    def _step(
-        self, bar: Flow, start: Array, dt: float, slot_velocity: Array, slot_bar: Array, wind: Array, gained: Array
-    ) -> None:
-        solver, domain, walls = self._solver, self._solver.domain, self._solver.domain.walls
-        back_walls(bar.u, bar.v, walls)
-        back_edges(bar.u, bar.v)
-        back_correct(bar, self._phi, dt, solver.between, domain.spacing.dyc, domain.runs)
-        solver.poisson.solve_into(self._phi, self._b)
-        back_divergence(self._b, bar.u, bar.v, domain.spacing.dx, domain.spacing.dy, solver.boundary.cell_runs)
-        kernels.clear_walls(bar.u, bar.v, walls)
-        self._work.flat[:] = start
-        back_stages(
-            bar,
-            slot_bar,
-            Flow.of(start, solver.grid.shape),
-            self._work,
-            self._rates,
-            self._second,
-            A,
-            dt * B,
-            slot_velocity,
-            wind,
-            gained,
-            domain,
-        )

@@ -10,7 +10,6 @@ order, because the volume flow between a no-slip wall and a nearby point grows w
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -35,42 +34,28 @@ class GhostMap(NamedTuple):
     weight: Array
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Boundary:
-    """The classification of a grid's cells and faces around a body. `fluid` (nx, ny) are the cells whose centre lies in
-    the fluid. Open faces (nx + 1, ny) and (nx, ny + 1) are between two fluid cells or on the outlet. Runs are rows (i,
-    j0, j1) that cover the open faces and the fluid cells. Ghosts are maps on the padded arrays u and v."""
+    """The classification of a grid's cells and faces around a body. `distance` computes the distance to the wall:
+    positive in the fluid, exact near the wall.
 
-    fluid: Mask
-    open_u: Mask
-    open_v: Mask
-    u_runs: Index
-    v_runs: Index
-    cell_runs: Index
-    u_ghosts: GhostMap
-    v_ghosts: GhostMap
+    Attributes:
+        fluid: (nx, ny) the cells whose centre lies in the fluid.
+        open_u, open_v: (nx + 1, ny) and (nx, ny + 1) the faces between two fluid cells or on the outlet.
+        u_runs, v_runs, cell_runs: rows (i, j0, j1) that cover the open faces and the fluid cells.
+        u_ghosts, v_ghosts: maps on the padded arrays u and v.
+    """
 
-
-def build(grid: Grid, distance: SignedDistance) -> Boundary:
-    """Classify the grid. `distance` computes the distance to the wall: positive in the fluid, exact near the wall."""
-    nx, ny = grid.shape
-    fluid = distance(*np.meshgrid(grid.xc, grid.yc, indexing="ij")) > 0
-    open_u = np.zeros((nx + 1, ny), dtype=bool)
-    open_v = np.zeros((nx, ny + 1), dtype=bool)
-    open_u[1:-1] = fluid[1:] & fluid[:-1]
-    open_u[-1] = fluid[-1]
-    open_v[:, 1:-1] = fluid[:, 1:] & fluid[:, :-1]
-    touched_u, touched_v = _stencil(open_u, open_v)
-    return Boundary(
-        fluid=fluid,
-        open_u=open_u,
-        open_v=open_v,
-        u_runs=_runs(open_u),
-        v_runs=_runs(open_v),
-        cell_runs=_runs(fluid),
-        u_ghosts=_ghosts(grid, "u", open_u, touched_u, distance),
-        v_ghosts=_ghosts(grid, "v", open_v, touched_v, distance),
-    )
+    def __init__(self, grid: Grid, distance: SignedDistance) -> None:
+        nx, ny = grid.shape
+        self.fluid: Mask = distance(*np.meshgrid(grid.xc, grid.yc, indexing="ij")) > 0
+        self.open_u, self.open_v = np.zeros((nx + 1, ny), dtype=bool), np.zeros((nx, ny + 1), dtype=bool)
+        self.open_u[1:-1] = self.fluid[1:] & self.fluid[:-1]
+        self.open_u[-1] = self.fluid[-1]
+        self.open_v[:, 1:-1] = self.fluid[:, 1:] & self.fluid[:, :-1]
+        self.u_runs, self.v_runs, self.cell_runs = map(_runs, (self.open_u, self.open_v, self.fluid))
+        touched_u, touched_v = _stencil(self.open_u, self.open_v)
+        self.u_ghosts = _ghosts(grid, "u", self.open_u, touched_u, distance)
+        self.v_ghosts = _ghosts(grid, "v", self.open_v, touched_v, distance)
 
 
 def _stencil(open_u: Mask, open_v: Mask) -> tuple[Mask, Mask]:
@@ -105,12 +90,7 @@ def _ghosts(grid: Grid, component: Component, open_faces: Mask, touched: Mask, d
             source.append(index[face])
             weight.append(w)
         start.append(len(source))
-    return GhostMap(
-        target=np.array(target, dtype=np.int64),
-        start=np.array(start, dtype=np.int64),
-        source=np.array(source, dtype=np.int64),
-        weight=np.array(weight, dtype=np.float64),
-    )
+    return GhostMap(np.array(target, np.int64), np.array(start, np.int64), np.array(source, np.int64), np.array(weight))
 
 
 def _parabola(
@@ -125,33 +105,22 @@ def _parabola(
         if open_faces[ahead] and here < 0:
             return [(ahead, here / there)]
     spacing = float(max(*np.diff(x[i - 1 : i + 2]), *np.diff(y[j - 1 : j + 2])))
-    first = _image(x, y, i, j, here, normal, 0.75 * spacing, spacing, open_faces)
-    second = _image(x, y, i, j, here, normal, first[0] + spacing, spacing, open_faces)
-    d1, d2 = first[0], second[0]
+
+    def image(at_least: float) -> tuple[float, list[tuple[tuple[int, int], float]]]:
+        """Find the nearest point on the normal that is at least `at_least` from the wall and between four open faces.
+        Return the point's distance from the wall, and the four faces with weights."""
+        for away in np.arange(at_least, at_least + 6.0 * spacing, 0.125 * spacing):
+            step = away - here
+            entries = bilinear(x, y, x[i] + step * normal[0], y[j] + step * normal[1])
+            if all(open_faces[face] for face, _ in entries):
+                return float(away), entries
+        raise ValueError(f"no flow found along the wall normal at ({x[i]:.4f}, {y[j]:.4f}): the grid is too coarse")
+
+    d1, first = image(0.75 * spacing)
+    d2, second = image(d1 + spacing)
     w1 = here * (here - d2) / (d1 * (d1 - d2))
     w2 = here * (here - d1) / (d2 * (d2 - d1))
-    return [(face, w1 * w) for face, w in first[1]] + [(face, w2 * w) for face, w in second[1]]
-
-
-def _image(
-    x: Array,
-    y: Array,
-    i: int,
-    j: int,
-    here: float,
-    normal: tuple[float, float],
-    at_least: float,
-    spacing: float,
-    open_faces: Mask,
-) -> tuple[float, list[tuple[tuple[int, int], float]]]:
-    """Find the nearest point on the normal that is at least `at_least` from the wall and between four open faces.
-    Return the point's distance from the wall, and the four faces with weights."""
-    for distance in np.arange(at_least, at_least + 6.0 * spacing, 0.125 * spacing):
-        step = distance - here
-        entries = bilinear(x, y, x[i] + step * normal[0], y[j] + step * normal[1])
-        if all(open_faces[face] for face, _ in entries):
-            return float(distance), entries
-    raise ValueError(f"no flow found along the wall normal at ({x[i]:.4f}, {y[j]:.4f}): the grid is too coarse")
+    return [(face, w1 * w) for face, w in first] + [(face, w2 * w) for face, w in second]
 
 
 def _normal(distance: SignedDistance, px: float, py: float) -> tuple[float, float]:

@@ -9,7 +9,6 @@ beyond the outlet. p (nx + 1, ny) has one layer beyond the outlet. Unpadded indi
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from math import prod
 from typing import Any, Literal, NamedTuple
 
@@ -39,7 +38,6 @@ _SPACING_Y: _Spacing = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Grid:
     """The coordinates of the faces, and the spacings derived from these coordinates, for nx by ny cells. Only `xf`
     and `yf` are needed without a body.
@@ -52,26 +50,15 @@ class Grid:
         slot_cells: number of cells across each slot.
     """
 
-    xf: Array
-    yf: Array
-    xc: Array = field(init=False)
-    yc: Array = field(init=False)
-    dx: Array = field(init=False)
-    dy: Array = field(init=False)
-    dxc: Array = field(init=False)
-    dyc: Array = field(init=False)
-    front: int = 0
-    rear: int = 0
-    lower: int = 0
-    upper: int = 0
-    slot_cells: int = 0
-
-    def __post_init__(self) -> None:
-        for axis, faces in (("x", self.xf), ("y", self.yf)):
-            centres = 0.5 * (faces[1:] + faces[:-1])
-            between = np.diff(np.concatenate([faces[:1], centres, faces[-1:]]))
-            for name, values in ((f"{axis}c", centres), (f"d{axis}", np.diff(faces)), (f"d{axis}c", between)):
-                object.__setattr__(self, name, values)
+    def __init__(
+        self, xf: Array, yf: Array, front: int = 0, rear: int = 0, lower: int = 0, upper: int = 0, slot_cells: int = 0
+    ) -> None:
+        self.xf, self.yf = xf, yf
+        self.front, self.rear, self.lower, self.upper, self.slot_cells = front, rear, lower, upper, slot_cells
+        self.xc, self.yc = 0.5 * (xf[1:] + xf[:-1]), 0.5 * (yf[1:] + yf[:-1])
+        self.dx, self.dy = np.diff(xf), np.diff(yf)
+        self.dxc = np.diff(np.concatenate([xf[:1], self.xc, xf[-1:]]))
+        self.dyc = np.diff(np.concatenate([yf[:1], self.yc, yf[-1:]]))
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -56,29 +56,23 @@ class FlowSolver(CopiedWhole):
         precision: Precision = np.float64,
     ) -> None:
         ny = grid.shape[1]
-        self.grid, self.boundary, self.viscosity, self.precision = grid, boundary, viscosity, precision
-        self.poisson = poisson.build(grid, boundary.fluid, precision)
+        self.grid, self.boundary, self.precision = grid, boundary, precision
+        self.poisson = poisson.PoissonSolver(grid, boundary.fluid, precision)
         self.slot_profile = np.zeros(ny) if slot_profile is None else slot_profile
         # The projection has no mirrored cells, so it uses the grid's own spacings.
         self.between = grid.dxc.astype(precision)
         dxc = grid.dxc.copy()
         dxc[0], dxc[-1] = grid.dx[0], grid.dx[-1]
+        spacings = (np.append(grid.dx, grid.dx[-1]), dxc, grid.dy, grid.dyc)
+        ghosts = (boundary.u_ghosts, boundary.v_ghosts)
+        inflow_u = np.ones(ny) if inflow_u is None else inflow_u
+        inflow_v = np.zeros(ny + 1) if inflow_v is None else inflow_v
         self.domain = kernels.Domain(
             viscosity=viscosity,
-            spacing=kernels.Spacing(
-                *(each.astype(precision) for each in (np.append(grid.dx, grid.dx[-1]), dxc, grid.dy, grid.dyc))
-            ),
+            spacing=kernels.Spacing(*(each.astype(precision) for each in spacings)),
             runs=kernels.Pair(boundary.u_runs, boundary.v_runs),
-            walls=kernels.Pair(
-                *(
-                    ghosts._replace(weight=ghosts.weight.astype(precision))
-                    for ghosts in (boundary.u_ghosts, boundary.v_ghosts)
-                )
-            ),
-            inflow=kernels.Pair(
-                (np.ones(ny) if inflow_u is None else inflow_u).astype(precision),
-                (np.zeros(ny + 1) if inflow_v is None else inflow_v).astype(precision),
-            ),
+            walls=kernels.Pair(*(each._replace(weight=each.weight.astype(precision)) for each in ghosts)),
+            inflow=kernels.Pair(inflow_u.astype(precision), inflow_v.astype(precision)),
             slot_column=grid.rear,
             slot_rows=np.flatnonzero(self.slot_profile).astype(np.int64),
         )
@@ -127,7 +121,7 @@ class FlowSolver(CopiedWhole):
             before.faces_u[self.domain.slot_column, rows] = (
                 max(abs(action_from), abs(action_to)) * self.slot_profile[rows]
             )
-            held = advice(self.grid, before, self.viscosity, dt)
+            held = advice(self.grid, before, self.domain.viscosity, dt)
             raise PlantError(f"the flow diverged within {steps} steps of dt = {dt:.3g}: {held}")
 
     def slot_velocity(self, action_from: float, action_to: float, steps: int) -> Array:
@@ -137,7 +131,6 @@ class FlowSolver(CopiedWhole):
 
     def set_viscosity(self, viscosity: float) -> None:
         """Use another viscosity from the next step on."""
-        self.viscosity = viscosity
         self.domain = self.domain._replace(viscosity=viscosity)
 
     def _step(self, flow: Flow, dt: float, slot_velocity: Array, wind: Array, gained: Array) -> None:

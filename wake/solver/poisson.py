@@ -17,7 +17,6 @@ Work arrays are allocated once. In a worker's thread, an allocation in every ste
 because the C library may return the memory to the system each time.
 """
 
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -29,13 +28,11 @@ from wake.solver.grid import Grid
 from wake.solver.kernels import compiled
 
 Links = npt.NDArray[np.int64]
-Work = tuple[Array, Array, Array, Array, Array]
 
 _VECTOR: Final = 64
 """Size of the widest vector registers in bytes."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class HalfSolver:
     """The solver for one parity (even or odd in y). It has h = ny/2 rows, zero-padded to whole vectors, and m cut links
     in the lower half.
@@ -49,43 +46,30 @@ class HalfSolver:
         work: three arrays (nx, h) and two arrays (m,), overwritten by every solve.
     """
 
-    q: Array
-    qt: Array
-    pivot: Array
-    coupling: Array
-    links: Links
-    capacitance: Array
-    work: Work
-
-    @classmethod
-    def of(cls, q: Array, pivot: Array, coupling: Array, links: Links, capacitance: Array) -> "HalfSolver":
-        """Build a solver with its own work arrays; q and pivot may be padded."""
+    def __init__(self, q: Array, pivot: Array, coupling: Array, links: Links, capacitance: Array) -> None:
+        """Allocate the work arrays. `q` and `pivot` may be padded."""
         whole = _VECTOR // q.itemsize
         nx, h = len(pivot), -(-len(q) // whole) * whole
-        pivot = _aligned(pivot, (nx, h))
-        q = _aligned(q, (h, h))
+        self.pivot = pivot = _aligned(pivot, (nx, h))
+        self.q = q = _aligned(q, (h, h))
+        self.qt = _aligned(q.T, (h, h))
+        self.coupling, self.links, self.capacitance = coupling, links, capacitance
         first, second, third = (_aligned(pivot, (nx, h)) for _ in range(3))
-        return cls(
-            q=q,
-            qt=_aligned(q.T, (h, h)),
-            pivot=pivot,
-            coupling=coupling,
-            links=links,
-            capacitance=capacitance,
-            work=(first, second, third, *np.empty((2, len(links)), q.dtype)),
-        )
+        self.work = (first, second, third, *np.empty((2, len(links)), q.dtype))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A copy is built with `of`, so that it has its own work arrays and is aligned.
-        return HalfSolver.of, (self.q, self.pivot, self.coupling, self.links, self.capacitance)
+        # A copy is built from its arguments, so that it has its own work arrays and is aligned.
+        return HalfSolver, (self.q, self.pivot, self.coupling, self.links, self.capacitance)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class PoissonSolver:
-    """A solver for the whole grid: it combines a solver for the even part and a solver for the odd part."""
+    """A solver for a grid and a fluid mask (nx, ny), both symmetric in y. It combines a solver for the even part and a
+    solver for the odd part, which are built in double precision."""
 
-    even: HalfSolver
-    odd: HalfSolver
+    def __init__(self, grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision = np.float64) -> None:
+        if not np.array_equal(fluid, fluid[:, ::-1]) or fluid.shape[1] % 2:
+            raise ValueError("the Poisson solver needs an even number of rows and a body symmetric in y")
+        self.even, self.odd = (_build_half(grid, fluid, precision, even=even) for even in (True, False))
 
     def solve_into(self, b: Array, phi: Array) -> None:
         """Set phi so that A' phi = b; b (nx, ny) is integrated over cells and zero in solid cells."""
@@ -95,14 +79,6 @@ class PoissonSolver:
         for half in (self.even, self.odd):
             _solve_half(half.q, half.qt, half.pivot, half.coupling, half.links, half.capacitance, *half.work)
         _join(even, odd, phi)
-
-
-def build(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision = np.float64) -> PoissonSolver:
-    """Build the solver, in double precision, for a grid and a fluid mask (nx, ny), both symmetric in y."""
-    if not np.array_equal(fluid, fluid[:, ::-1]) or fluid.shape[1] % 2:
-        raise ValueError("the Poisson solver needs an even number of rows and a body symmetric in y")
-    even, odd = (_build_half(grid, fluid, precision, even=even) for even in (True, False))
-    return PoissonSolver(even=even, odd=odd)
 
 
 def _build_half(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision, *, even: bool) -> HalfSolver:
@@ -137,7 +113,7 @@ def _build_half(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision, 
     coupling = coupling[:nx].copy()
     capacitance = _capacitance(q, pivot, coupling, links, stiffness)
     q, pivot, coupling, capacitance = (each.astype(precision) for each in (q, pivot, coupling, capacitance))
-    return HalfSolver.of(q, pivot, coupling, links, capacitance)
+    return HalfSolver(q, pivot, coupling, links, capacitance)
 
 
 def _cut_links(grid: Grid, fluid: npt.NDArray[np.bool_], h: int) -> tuple[Links, Array]:

@@ -14,7 +14,6 @@ within 2 % of the force on a grid with half the cell size; a straight line throu
 """
 
 from collections import defaultdict
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -25,6 +24,7 @@ from contract.arrays import Array
 from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.geometry import HALF_WIDTH, JET_WIDTH
 from contract.sensor_layout import SensorLayout
+from wake.plant.sample import Sample
 from wake.solver.boundary import Boundary
 from wake.solver.grid import Component, Flow, Grid, bilinear
 
@@ -73,22 +73,6 @@ _ARC_POINTS: Final = 64
 """Number of quadrature points on each rounded corner."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Measured:
-    """The functionals of a flow at one instant: Cp at the sensors; the force (pressure and viscous) on the wall without
-    the slot faces, and on these faces; the mean Cp over each slot, weighted by the jet profile; and the transverse
-    velocity at the wake probe."""
-
-    Cp: Array
-    Cd: float
-    Cl: float
-    Cd_slot_pressure: float
-    Cd_slot_viscous: float
-    Cp_upper: float
-    Cp_lower: float
-    Uy_probe: float
-
-
 class Surface:
     """The functionals of the flow on one grid. `viscosity` is 1 / Re; `profile` (ny,) is the velocity on the faces at
     `grid.rear` per unit action. The sensors of `layout` are on the sides and the base; no sensor is on the front."""
@@ -113,35 +97,47 @@ class Surface:
         self._sensors = len(layout)
         self._matrix = _sparse(rows, self._numbers.flat.size)
 
-    def measure(self, flow: Flow) -> Measured:
-        """Evaluate the functionals on a flow."""
+    def measure(self, flow: Flow, *, t: float = 0.0, action: float = 0.0) -> Sample:
+        """Evaluate the functionals on a flow at time t. `action` is the jet flow rate in force."""
         values = self._matrix @ flow.flat
-        cp, rest = values[: self._sensors], values[self._sensors :]
-        face, ahead, between = self._at_slots(flow)
-        on_slots = 2.0 * (flow.cells_p[self._grid.rear] + between * between - face * face)
-        return Measured(
-            Cp=cp,
-            Cd=float(rest[0]),
-            Cl=float(rest[1]),
-            Cd_slot_pressure=-float(on_slots @ self._slots),
+        rest = values[self._sensors :].tolist()
+        face, ahead, _ = self._at_slots(flow)
+        upper, lower = self.jet_pressures(flow)
+        # The jets' kinetic power, the integral of u^3 over both slots, is zero: one slot blows and the other sucks.
+        return Sample(
+            t=t,
+            Cp=values[: self._sensors],
+            Cd=rest[0],
+            Cl=rest[1],
+            Cd_slot_pressure=-float(self._slot_pressure(flow) @ self._slots),
             Cd_slot_viscous=self._slot_stress * float((ahead - face) @ self._slots),
-            Cp_upper=float(on_slots @ self._upper),
-            Cp_lower=float(on_slots @ self._lower),
-            Uy_probe=float(rest[2]),
+            Cd_momentum=-4.0 * MOMENTUM_FACTOR * action * action,
+            jet_power=action * (upper - lower),
+            Uy_probe=rest[2],
+            action=action,
         )
 
-    def weigh(self, bar: Flow, flow: Flow, weights: Measured) -> None:
-        """Differentiate the sum of the functionals, weighted by `weights`, by the flow; add the result to `bar`."""
+    def jet_pressures(self, flow: Flow) -> tuple[float, float]:
+        """Return the mean Cp over the upper and the lower slot, weighted by the jet profile."""
+        pressure = self._slot_pressure(flow)
+        return float(pressure @ self._upper), float(pressure @ self._lower)
+
+    def weigh(self, bar: Flow, flow: Flow, weights: Sample, action: float) -> None:
+        """Differentiate the sum of the sample's values, weighted by `weights`, by the flow; add the result to `bar`."""
         values = np.concatenate([weights.Cp, [weights.Cd, weights.Cl, weights.Uy_probe]])
         bar.flat[:] += values @ self._matrix
         face, _, between = self._at_slots(flow)
-        on_slots = weights.Cp_upper * self._upper + weights.Cp_lower * self._lower
-        on_slots -= weights.Cd_slot_pressure * self._slots
+        blown = weights.jet_power * action
+        on_slots = blown * self._upper - blown * self._lower - weights.Cd_slot_pressure * self._slots
         shear = weights.Cd_slot_viscous * self._slot_stress * self._slots
         rear = self._grid.rear
         bar.cells_p[rear] += 2.0 * on_slots
         bar.faces_u[rear] += 2.0 * on_slots * (between - 2.0 * face) - shear
         bar.faces_u[rear + 1] += 2.0 * on_slots * between + shear
+
+    def _slot_pressure(self, flow: Flow) -> Array:
+        face, _, between = self._at_slots(flow)
+        return np.asarray(2.0 * (flow.cells_p[self._grid.rear] + between * between - face * face))
 
     def _at_slots(self, flow: Flow) -> tuple[Array, Array, Array]:
         """Return u on the base's faces, u on the next faces downstream, and the mean of these values."""

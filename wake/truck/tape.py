@@ -17,7 +17,7 @@ from wake.plant.sample import Sample
 from wake.solver.adjoint import FlowAdjoint
 from wake.solver.grid import Flow
 from wake.truck.state import State
-from wake.truck.surface import MOMENTUM_FACTOR, Measured
+from wake.truck.surface import MOMENTUM_FACTOR
 from wake.truck.truck_wake import TruckWake
 
 
@@ -92,7 +92,12 @@ class Tape(CopiedWhole):
             raise PlantError("the backward pass is at the start of the tape: no period is left")
         period, plant = self._periods.pop(), self._plant
         end = Flow.of(self._end, plant.grid.shape)
-        self._weigh(end, period.action_to, weights)
+        surface, action = plant.surface, period.action_to
+        surface.weigh(self.bar, end, weights, action)
+        self.bar_action += weights.action - 8.0 * MOMENTUM_FACTOR * action * weights.Cd_momentum
+        if weights.jet_power:
+            upper, lower = surface.jet_pressures(end)
+            self.bar_action += weights.jet_power * (upper - lower)
         ramp = {"dt": plant.dt, "action_from": period.action_from, "action_to": period.action_to}
         wind = plant.wind_from(period.t)
         steps = period.steps
@@ -118,17 +123,6 @@ class Tape(CopiedWhole):
         self._end[:] = self._plant.flow.flat
         self.bar.flat[:] = 0.0
         self.bar_action = 0.0
-
-    def _weigh(self, flow: Flow, action: float, weights: Sample) -> None:
-        surface = self._plant.surface
-        alike = ("Cp", "Cd", "Cl", "Cd_slot_pressure", "Cd_slot_viscous", "Uy_probe")
-        blown = weights.jet_power * action
-        given = {name: getattr(weights, name) for name in alike}
-        surface.weigh(self.bar, flow, Measured(Cp_upper=blown, Cp_lower=-blown, **given))
-        self.bar_action += weights.action - 8.0 * MOMENTUM_FACTOR * action * weights.Cd_momentum
-        if weights.jet_power:
-            measured = surface.measure(flow)
-            self.bar_action += weights.jet_power * (measured.Cp_upper - measured.Cp_lower)
 
     def _memory(self, steps: int) -> Array:
         """Return memory for `steps` flows. It is reused, because the system takes time to map new pages."""
@@ -195,7 +189,7 @@ class DifferentiableWake(CopiedWhole):
     def back(self, weights: Seen) -> float:
         """Go back by a period, and return a scalar's derivative with respect to the action commanded in this period.
         `weights` are the scalar's derivatives with respect to the period's sample."""
-        speed = self._speed
+        speed = float(self._speeds[len(self._tape)])
         whole = no_weights(len(self.plant.layout))
         whole.Cp[self._columns] = weights.Cp / speed**2
         Cd, Cl = weights.Cd / speed**2, weights.Cl / speed**2
@@ -222,11 +216,7 @@ class DifferentiableWake(CopiedWhole):
         rows = np.array([plant.advance(0.0).Cp[self._columns] for _ in range(periods)]) / speed**2
         return float(rows[:, on_base].mean()), float(np.abs(rows[:, ::2] - rows[:, 1::2]).mean())
 
-    @property
-    def _speed(self) -> float:
-        return float(self._speeds[len(self._tape)])
-
     def _seen(self) -> Seen:
-        sample, speed = self.plant.sample(), self._speed
+        sample, speed = self.plant.sample(), float(self._speeds[len(self._tape)])
         q = speed**2
         return Seen(Cp=sample.Cp[self._columns] / q, Cd=sample.Cd / q, Cl=sample.Cl / q, Uy=sample.Uy_probe / speed)

@@ -21,7 +21,7 @@ from wake.solver import boundary
 from wake.solver.grid import Flow, box_grid
 from wake.solver.navier_stokes import FlowSolver, check_step
 from wake.truck.state import Origin, State, check_origin
-from wake.truck.surface import MOMENTUM_FACTOR, Surface, signed_distance, slot_profile
+from wake.truck.surface import Surface, signed_distance, slot_profile
 
 
 class TruckWake(CopiedWhole, SteppedPlant):
@@ -44,7 +44,7 @@ class TruckWake(CopiedWhole, SteppedPlant):
         self.config = FlowConfig() if config is None else config
         self.body, self.layout = body, layout_of(body)
         self.grid = box_grid(body.length, self.config.refinement)
-        self.boundary = boundary.build(self.grid, partial(signed_distance, body=body))
+        self.boundary = boundary.Boundary(self.grid, partial(signed_distance, body=body))
         self._profile = slot_profile(self.grid)
         self._check_step(self.config)
         self.solver = FlowSolver(
@@ -130,20 +130,7 @@ class TruckWake(CopiedWhole, SteppedPlant):
         self._action = in_force
 
     def sample(self) -> Sample:
-        measured, a = self.surface.measure(self.flow), self._action
-        # The jets' kinetic power, the integral of u^3 over both slots, is zero: one slot blows and the other sucks.
-        return Sample(
-            t=self.t,
-            Cp=measured.Cp,
-            Cd=measured.Cd,
-            Cl=measured.Cl,
-            Cd_slot_pressure=measured.Cd_slot_pressure,
-            Cd_slot_viscous=measured.Cd_slot_viscous,
-            Cd_momentum=-4.0 * MOMENTUM_FACTOR * a * a,
-            jet_power=a * (measured.Cp_upper - measured.Cp_lower),
-            Uy_probe=measured.Uy_probe,
-            action=a,
-        )
+        return self.surface.measure(self.flow, t=self.t, action=self._action)
 
     def vorticity(self) -> Array:
         """Return dv/dx - du/dy in cell corners inside the domain, (nx - 1, ny - 1), in U_inf / W."""

@@ -24,16 +24,6 @@ def trained(config: Config, **changes: Any) -> Config:
     return replace(config, train=replace(config.train, **changes))
 
 
-def stop_at_ten(phase: str, step: int, total: int, terms: Mapping[str, float]) -> None:
-    if phase == Phase.FINISH and step >= 10:
-        raise KeyboardInterrupt
-
-
-def assert_equal(one: torch.nn.Module, two: torch.nn.Module) -> None:
-    for (name, a), b in zip(one.state_dict().items(), two.state_dict().values(), strict=True):
-        assert torch.equal(a, b), name
-
-
 def test_a_seed_makes_a_run_and_leaves_the_caller_s_alone(rows, small_config):
     torch.manual_seed(11)
     expected = torch.rand(3)
@@ -71,12 +61,18 @@ def test_the_finish_lengthens_the_unroll_and_a_resume_goes_on_inside_it(rows, sm
     unfinished = fit_joint(rows, trained(config, finish=FinishConfig()))
     assert not torch.equal(whole.dynamics.output.weight, unfinished.dynamics.output.weight)
     kept = Checkpoints(folder=tmp_path, identity=IDENTITY, every=7)
+
+    def stop_at_ten(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
+        if phase == Phase.FINISH and step >= 10:
+            raise KeyboardInterrupt
+
     with pytest.raises(KeyboardInterrupt):
         fit_joint(rows, config, progress=stop_at_ten, checkpoints=kept)
     went_on = list[tuple[Phase, int]]()
     resumed = fit_joint(rows, config, progress=lambda *now: went_on.append(now[:2]), checkpoints=kept)
     assert went_on[0] == (Phase.FINISH, 10), "it went on from step 7"
-    assert_equal(whole, resumed)
+    for (name, a), b in zip(whole.state_dict().items(), resumed.state_dict().values(), strict=True):
+        assert torch.equal(a, b), name
 
 
 def test_the_fit_streams_and_the_finish_does_not(rows, small_config, monkeypatch):

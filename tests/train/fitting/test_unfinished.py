@@ -58,7 +58,7 @@ def test_another_training_is_refused_by_what_differs_and_with_both_ways(folder):
     with pytest.raises(DatasetError, match="another recording"):
         unfinished.check(folder, identity(data="1" * 64))
     # A refinement of another model, or from another flow, is another one with equal settings.
-    one, two = (Identity.of_refinement(CONFIG, DATA, ("a", "b"), begins_with={"model": word}) for word in "xy")
+    one, two = (Identity.of(CONFIG, DATA, "cpu", ("a", "b"), others={"model": word}) for word in "xy")
     unfinished.note(folder, one, REACHED)
     assert unfinished.check(folder, one) == REACHED
     with pytest.raises(ConfigError, match="an unfinished training with model = x, not y: finish it"):

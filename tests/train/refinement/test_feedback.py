@@ -1,7 +1,6 @@
 """The feedback: filters folded into one matrix, odd, no action before it has learned."""
 
 import numpy as np
-import pytest
 import torch
 
 from contract.controller.goal import OWN, Goal
@@ -14,11 +13,6 @@ SCALES, LIMIT, MEMORY, SPEEDS = (0.4, 0.15, 0.05), 0.075, 32, (0.6, 1.0, 1.4)
 GOALS = (OWN, Goal(0.7, 0.2, 0.5), Goal(0.1, 1.0, 0.0))
 
 
-@pytest.fixture
-def feedback() -> Feedback:
-    return feedback_of(MEMORY, scales=SCALES)
-
-
 def test_every_row_is_read_and_the_newest_by_themselves():
     for memory in (4, 20, 64):
         found = filters(memory).numpy()
@@ -26,11 +20,6 @@ def test_every_row_is_read_and_the_newest_by_themselves():
         np.testing.assert_allclose(found.sum(axis=0), 1.0)
         newest = 10 if memory == 64 else memory
         np.testing.assert_array_equal(found[::-1][:newest, :newest], np.eye(newest))
-
-
-def rows_of(rng: np.random.Generator) -> np.ndarray:
-    """Differences, sums about their middles, and actions."""
-    return rng.normal(0.0, 0.2, (MEMORY, 5)) * [1.0, 1.0, 1.0, 1.0, 0.3] + [0.0, 0.0, *MIDDLES, 0.0]
 
 
 def test_a_prior_is_taken_up_again_as_it_was():
@@ -41,10 +30,11 @@ def test_a_prior_is_taken_up_again_as_it_was():
             np.testing.assert_allclose(kept.detach().numpy(), whole.detach().numpy(), atol=1e-12)
 
 
-def test_the_prior_of_a_program_is_the_feedback_a_period_ahead(feedback):
+def test_the_prior_of_a_program_is_the_feedback_a_period_ahead():
     """From the vehicle's window: its rows hold the action before them, the committed one comes with the plan."""
-    rng = np.random.default_rng(1)
-    rows = rows_of(rng)
+    rng, feedback = np.random.default_rng(1), feedback_of(MEMORY, scales=SCALES)
+    # Differences, sums about their middles, and actions.
+    rows = rng.normal(0.0, 0.2, (MEMORY, 5)) * [1.0, 1.0, 1.0, 1.0, 0.3] + [0.0, 0.0, *MIDDLES, 0.0]
     differences, sums = rows[:, :2], rows[:, 2:4]
     window = np.zeros((MEMORY, 5))
     window[:, :4:2], window[:, 1:4:2] = (sums + differences) / 2.0, (sums - differences) / 2.0

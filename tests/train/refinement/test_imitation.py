@@ -14,7 +14,7 @@ from train.refinement.feedback import Feedback
 from train.refinement.imitation import PERIODS_AT_ONCE, SLOWEST, Demonstration, Watched, demonstration, imitate, watch
 from train.refinement.windows import Stream, StretchReadings, closed_loop
 
-MEMORY, LIMIT, PERIODS = 6, 0.075, 110
+MEMORY, PERIODS = 6, 110
 GOAL = Goal(lift=0.2)
 
 
@@ -41,13 +41,16 @@ def test_a_demonstration_is_what_a_closed_loop_read_at_the_told_speed(speed: flo
     stream = Stream.begun(START, policy, SLOWEST)
     stream.goal = GOAL
     readings = replace(StretchReadings.plain(len(ratios), policy.pairs), told=ratios)
+    reads = list[tuple[torch.Tensor, float, Goal]]()
+    hook = policy.register_forward_pre_hook(lambda _, given: reads.append(given))
     with torch.no_grad():
-        loop = closed_loop(Oscillator(), policy, stream, readings, speeds=speeds, action_limit=LIMIT)
+        loop = closed_loop(Oscillator(), policy, stream, readings, speeds)
+    hook.remove()
     assert run.Cd.tolist() == pytest.approx([one.Cd for one in loop.seen[1:]], rel=1e-12)
     found = demonstration(run, policy, GOAL, told=ratios)
     first = len(ratios) - len(found.rows)
     assert first == 2 * MEMORY
-    for k, (rows, at, _) in enumerate(loop.read[first:]):
+    for k, (rows, at, _) in enumerate(reads[first:]):
         assert found.speeds[k] == pytest.approx(at)
         assert found.rows[k].numpy() == pytest.approx(rows.numpy(), abs=1e-12)
     # The action is the expert's at the true speed, as a prior that is told another speed has to command it.

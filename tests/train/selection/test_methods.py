@@ -15,7 +15,7 @@ from contract.sensor_layout import SensorLayout
 from train.networks.model import Encoder, WakeModel
 from train.networks.samples import Rows
 from train.selection import methods
-from train.selection.methods import RIDGE, RidgeStudent, ridge_student, sample
+from train.selection.methods import RIDGE, RidgeStudent, sample
 
 WINDOW = 32
 
@@ -56,11 +56,10 @@ def encoder(small_config) -> Encoder:
 
 def test_every_method_chooses_as_many_as_asked(encoder, rows, small_config):
     for method in set(get_args(SelectionMethod)) - {"shap"}:
-        names = methods.select(method, encoder, rows, 3, settings=small_config.train)
+        names = methods.select(encoder, rows, replace(small_config.train, selection=method, sensors=3))
         assert len(sensors.TRUCK.indices(names)) == 3, method  # refuses unknown and repeated names
-    for count in (0, 91):
-        with pytest.raises(ConfigError, match=rf"train\.sensors = {count}: must be from 1 to 90"):
-            methods.select("qr", encoder, rows, count, settings=small_config.train)
+    with pytest.raises(ConfigError, match=r"train\.sensors = 91: must be from 1 to 90"):
+        methods.select(encoder, rows, replace(small_config.train, selection="qr", sensors=91))
 
 
 HEARD = ("lower_35", "base_0", "upper_12")
@@ -70,7 +69,7 @@ HEARD = ("lower_35", "base_0", "upper_12")
 def student() -> RidgeStudent:
     """Of a teacher with two latents, which depends on three sensors; the first the most."""
     teacher = listener((("lower_35", 0, 2.0), ("base_0", 12, 1.0)), (("base_0", 4, -1.0), ("upper_12", 8, 0.7)))
-    return ridge_student(teacher, noise_rows(3000), seed=0)
+    return RidgeStudent(teacher, noise_rows(3000), seed=0)
 
 
 def test_greedy_finds_the_sensors_the_latents_are_made_of_the_weightiest_first(student):
@@ -142,7 +141,7 @@ def test_the_error_is_that_of_numpy_s_least_squares():
     teacher = listener((("upper_03", 0, 1.0), ("action", 4, 0.5)), (("base_2", 8, 1.0), ("lower_10", 3, 1.0)))
     rows = noise_rows(500, 300)
     rows.inputs[:, 20] += 2.0  # an offset, which the student's intercept must take up
-    student = ridge_student(teacher, rows, seed=3)
+    student = RidgeStudent(teacher, rows, seed=3)
     (x, z), (judged_x, judged_z) = sample(teacher, rows, seed=3)
     chosen = [3, 20, 82]
     columns = np.concatenate([np.arange(8) + 8 * index for index in (*chosen, sensors.COUNT)])
@@ -166,12 +165,12 @@ def test_noise_is_priced_as_known_in_closed_form():
     unit = torch.full((90,), 1.0)
     unit[7] = 4.0
     rows = replace(clean, unit=unit)
-    student = ridge_student(teacher, rows, seed=0, sensor_noise=0.5)
+    student = RidgeStudent(teacher, rows, seed=0, sensor_noise=0.5)
     chosen = (7, 82)
     # One sensor, one lag, unit variance: the best weight leaves noise / (1 + noise) of its power.
     left = (1.0 * 4.0 / (1 + 4.0) + 0.25 * 0.25 / (1 + 0.25)) / 1.25
     assert student.error(chosen) == pytest.approx(left, rel=0.05)
-    assert ridge_student(teacher, rows, seed=0).error(chosen) < 0.01
+    assert RidgeStudent(teacher, rows, seed=0).error(chosen) < 0.01
 
 
 def test_fitted_and_judged_windows_are_others_and_none_crosses_an_episode_s_end():
@@ -186,7 +185,7 @@ def test_fitted_and_judged_windows_are_others_and_none_crosses_an_episode_s_end(
 def test_too_few_windows_and_a_teacher_without_opinion_are_refused():
     teacher = listener((("upper_07", 0, 1.0),))
     with pytest.raises(DatasetError, match="5 windows: a regression and its test need at least 6"):
-        ridge_student(teacher, noise_rows(36), seed=0)
+        RidgeStudent(teacher, noise_rows(36), seed=0)
     still = replace(noise_rows(60), inputs=torch.zeros(60, sensors.COUNT + 1))
     with pytest.raises(DatasetError, match="the same in all windows"):
-        ridge_student(teacher, still, seed=0)
+        RidgeStudent(teacher, still, seed=0)

@@ -16,7 +16,7 @@ import pytest
 
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
-from tests.wake.openfoam.conftest import field
+from tests.wake.conftest import field
 from wake.openfoam import case
 from wake.openfoam.case import pressure_points
 from wake.openfoam.measurements import Readings

@@ -3,36 +3,27 @@ import pytest
 
 from contract.errors import PlantError
 from wake.pictures.fields import LevelPicture, Raster, field_levels, mean_flow, velocity
-from wake.solver.grid import Flow, Grid
 
 pytestmark = pytest.mark.slow  # seconds of flow
 
 
-def filled(grid: Grid, u, v, p=lambda x, y: 0.0 * x * y) -> Flow:
-    """A flow with these functions of x and y on its faces and in its cells."""
-    flow = Flow.zeros(grid.shape)
-    flow.faces_u[:] = u(grid.xf[:, None], grid.yc[None, :])
-    flow.faces_v[:] = v(grid.xc[:, None], grid.yf[None, :])
-    flow.cells_p[:] = p(grid.xc[:, None], grid.yc[None, :])
-    return flow
-
-
 def test_fields_are_those_that_are_known(wake):
-    grid = wake.grid
-    flow = filled(grid, lambda x, y: np.sin(x) * np.cos(y), lambda x, y: -np.cos(x) * np.sin(y))
-    wake.flow.flat[:] = flow.flat
+    grid, flow = wake.grid, wake.flow
+    flow.faces_u[:] = np.sin(grid.xf[:, None]) * np.cos(grid.yc)
+    flow.faces_v[:] = -np.cos(grid.xc[:, None]) * np.sin(grid.yf)
     near = np.ix_(np.flatnonzero((grid.xf[1:-1] > 0) & (grid.xf[1:-1] < 15)), np.flatnonzero(abs(grid.yf[1:-1]) < 1.2))
     exact = 2.0 * np.sin(grid.xf[1:-1, None]) * np.sin(grid.yf[None, 1:-1])
     # Central differences over cells of at most 0.09 W: dx^2 / 24 for each term, and as much from stretching.
     assert wake.vorticity()[near] == pytest.approx(exact[near], abs=2e-3)
     # Velocity in the cell centres.
-    u, v = velocity(filled(grid, lambda x, y: 2.0 * x + y, lambda x, y: x - 3.0 * y))
+    flow.faces_u[:], flow.faces_v[:] = 2.0 * grid.xf[:, None] + grid.yc, grid.xc[:, None] - 3.0 * grid.yf
+    u, v = velocity(flow)
     x, y = grid.xc[:, None], grid.yc[None, :]
     assert u == pytest.approx(2.0 * x + y, abs=1e-12)
     assert v == pytest.approx(x - 3.0 * y, abs=1e-12)
     # A raster keeps linear fields.
-    raster = Raster.of(grid.xc, grid.yc, (0.0, 10.0, -1.0, 1.0), 50)
-    pixels = raster(3.0 * grid.xc[:, None] - grid.yc[None, :])
+    raster = Raster(grid.xc, grid.yc, (0.0, 10.0, -1.0, 1.0), 50)
+    pixels = raster(3.0 * x - y)
     assert pixels.shape == (10, 50)
     # Pixels of 0.2 W, row 0 at the bottom.
     assert (raster.x[0], raster.y[0]) == pytest.approx((0.1, -0.9))

@@ -15,8 +15,7 @@ from contract.config.tree import Config
 from contract.errors import OutputError, PlantError, StillwakeError
 from contract.recording.dataset import Dataset, read
 from contract.shipped import RECORDING
-from tests.wake.conftest import Oscillator
-from tests.wake.recording.killing import Killed, equal
+from tests.wake.conftest import Killed, Oscillator, equal
 from wake.recording import episode_job, recorder
 from wake.recording.plans import EpisodePlan, paper_plans
 from wake.truck.state import Origin, State, save_state

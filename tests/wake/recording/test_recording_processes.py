@@ -16,7 +16,7 @@ from contract.config.tree import Config
 from contract.recording.dataset import Dataset, read
 from contract.release.bundle import load
 from ecu.bundle_policy import BundlePolicy
-from tests.wake.recording.killing import equal
+from tests.wake.conftest import equal
 from wake.recording.plans import ControlledRound
 from wake.recording.recorder import record_round
 

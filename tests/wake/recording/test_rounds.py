@@ -1,5 +1,7 @@
 """Rounds of recording, under a controller and from the steady wake: what acts, and continuing without a seam."""
 
+import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,22 +12,14 @@ from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.errors import DatasetError, StillwakeError
 from contract.recording.dataset import Dataset, read
-from tests.wake.conftest import Oscillator
-from tests.wake.recording.killing import Killed, equal, kill_before_operation
+from tests.wake.conftest import Killed, Oscillator, equal
 from wake.recording import recorder
-from wake.recording.episode_job import NoFeedback
-from wake.recording.plans import CalmRound, ControlledRound, EpisodePlan
+from wake.recording.plans import ControlledRound, EpisodePlan
 from wake.recording.recorder import record_round
-from wake.solver.grid import truck_grid
-from wake.truck.state import Origin, State, save_state
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("cheap_plant")]  # records once for every change on disk
 
 LIMIT = FlowConfig().action_limit
-STEADY = State(
-    flat=np.array([0.3, -0.1]), substep=0, action=0.0, origin=Origin(shape=truck_grid().shape, reynolds=500.0)
-)
-"""A state of the cheap plant in place of the steady wake."""
 
 
 class Integrator:
@@ -52,7 +46,7 @@ def a_round(**changes: Any) -> ControlledRound:
 ROUND = a_round()
 
 
-def recorded(output: Path, wanted: ControlledRound | CalmRound = ROUND, policy: Any = Integrator, **arguments: Any):
+def recorded(output: Path, wanted: ControlledRound = ROUND, policy: Any = Integrator, **arguments: Any):
     record_round(output, wanted, Config(), policy, **{"block_steps": 3, **arguments})
     return read(output)
 
@@ -91,9 +85,8 @@ def test_parts_of_another_controller_and_data_of_another_flow_are_refused(tmp_pa
         recorded(output, a_round(bundle_digest="1" * 64))
 
 
-def test_calls_add_rounds_of_both_kinds_that_repeat_nothing(tmp_path):
-    output, steady = tmp_path / "a.h5", tmp_path / "steady.npz"
-    save_state(steady, STEADY)
+def test_calls_add_rounds_that_repeat_nothing(tmp_path):
+    output = tmp_path / "a.h5"
     recorder.record(output, [EpisodePlan(forcing="training", steps=7, seed=5)], Config())
     begun, one, two = read(output), recorded(output), recorded(output)
     names = ["training_5", "controlled_1_0", "controlled_1_1", "controlled_2_0", "controlled_2_1"]
@@ -104,21 +97,25 @@ def test_calls_add_rounds_of_both_kinds_that_repeat_nothing(tmp_path):
     assert len(np.unique(actions, axis=0)) == 4
     facts = {"forcing_signal": "controlled", "round": 2, "episode": 1, "bundle": "none", "exploration": 0.15}
     assert facts.items() <= two.episodes[-1].provenance.items()
-    # Calm episodes begin in the file and are driven by the signal.
-    wanted = CalmRound(episodes=2, steps=7)
-    calm = recorded(output, wanted, NoFeedback, start=steady).episodes[5:]
-    assert [episode.name for episode in calm] == ["calm_3_0", "calm_3_1"]
-    for plan, episode in zip(wanted.plans(3), calm, strict=True):
-        plant, expected = Oscillator(), []
-        plant.reset(STEADY)
-        for action in plan.signal(Config()):
-            expected.append(plant.sample().Cd)
-            plant.advance(action)
-        assert np.array_equal(episode.series["action"], plan.signal(Config()))
-        # Stored in 16 bits.
-        assert episode.series["Cd"] == pytest.approx(expected, abs=2**-15)
-        assert episode.initial_action == 0.0
-        assert (episode.provenance["amplitude"], episode.provenance["start"]) == (plan.level, "steady.npz")
+
+
+def kill_before_operation(monkeypatch: pytest.MonkeyPatch, number: int) -> Callable[[], int]:
+    """Be killed before the operation of that number that changes the disk; how many there have been."""
+    count = 0
+
+    def watched(original: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **options: Any) -> Any:
+            nonlocal count
+            count += 1
+            if count == number:
+                raise Killed
+            return original(*arguments, **options)
+
+        return call
+
+    for owner, name in ((Path, "replace"), (Path, "unlink"), (Path, "mkdir"), (os, "fsync"), (Path, "write_bytes")):
+        monkeypatch.setattr(owner, name, watched(getattr(owner, name)))
+    return lambda: count
 
 
 def test_it_may_be_killed_before_any_change_on_disk_and_continues_without_a_seam(tmp_path):

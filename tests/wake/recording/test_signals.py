@@ -69,6 +69,7 @@ def test_exploration_has_the_variance_and_the_memory_it_should():
     assert runs.std(axis=0) / limit == pytest.approx(np.full(4, 0.5), rel=4 / np.sqrt(6000))
     # Calm episodes have the amplitudes asked for.
     plans = CalmRound(episodes=4, steps=100_000, smallest=0.001, largest=0.008).plans(1)
+    assert [plan.provenance["amplitude"] for plan in plans] == pytest.approx([0.001, 0.002, 0.004, 0.008])
     amplitudes = [np.sqrt(np.mean(plan.signal(Config()) ** 2)) for plan in plans]
     # A correlation time of five steps leaves some 20,000 independent values: four standard errors of a deviation.
     assert amplitudes == pytest.approx([0.001, 0.002, 0.004, 0.008], rel=4 / np.sqrt(2 * 20_000))

@@ -61,7 +61,7 @@ def _ghost_error(cells: int) -> float:
     """Largest error of the ghosts around a disc, for a smooth field that vanishes on it."""
     faces = np.linspace(-1.0, 1.0, cells + 1)
     grid = Grid(xf=faces, yf=faces)
-    walls = boundary.build(grid, _disc)
+    walls = boundary.Boundary(grid, _disc)
     x, y = np.meshgrid(grid.xf, grid.yc, indexing="ij")
     exact = np.zeros((cells + 1, cells + 2))
     exact[:, 1:-1] = _disc(x, y) * (1.0 + 0.4 * x - 0.3 * y) + _disc(x, y) ** 2
@@ -114,7 +114,7 @@ def test_agrees_with_a_sparse_direct_solve_around_the_truck():
     b = np.random.default_rng(3).standard_normal(grid.shape) * fluid
     expected = spsolve(_assembled(grid, fluid), b.reshape(-1)).reshape(grid.shape)
     phi = np.empty_like(b)
-    poisson.build(grid, fluid).solve_into(b, phi)
+    poisson.PoissonSolver(grid, fluid).solve_into(b, phi)
     # Rounding, amplified by the conditioning of a stretched grid.
     assert np.abs(phi - expected)[fluid].max() < 1e-9 * np.abs(expected).max()
 

@@ -5,7 +5,7 @@ import pytest
 
 from contract.errors import PlantError
 from contract.geometry import LENGTH
-from wake.solver.grid import Flow, Grid, truck_grid
+from wake.solver.grid import Flow, truck_grid
 from wake.truck.averages import over_cycles, over_last_cycles
 from wake.truck.develop import recirculation_length
 
@@ -67,13 +67,9 @@ def test_a_sine_and_its_drag():
             assert average.std(columns) == pytest.approx(deviations, rel=5e-3), (count, phase)
 
 
-@pytest.fixture(scope="module")
-def grid() -> Grid:
-    return truck_grid(0.7)
-
-
-def test_it_ends_where_the_axis_turns_downstream(grid):
+def test_a_bubble_ends_where_the_axis_turns_downstream():
     """At the base at the least, at the outlet at the most. Backward flow ahead of the truck does not count."""
+    grid = truck_grid(0.7)
     for turn, length in [(0.37, 0.37), (2.0, 2.0), (3.3, 3.3), (-1.0, 0.0), (100.0, 23.0 - LENGTH)]:
         flow = Flow.zeros(grid.shape)
         ahead = grid.xf[:, None] < LENGTH

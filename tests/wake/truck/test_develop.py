@@ -68,24 +68,15 @@ def test_the_wake_goes_on_shedding_on_the_coarse_grid():
 
 
 @pytest.fixture(scope="module")
-def at_rest() -> TruckWake:
-    return TruckWake(FlowConfig(substeps=8, refinement=0.4))
-
-
-@pytest.fixture(scope="module")
-def settled(at_rest) -> tuple[State, dict[str, float]]:
-    return develop.settle(at_rest, tolerance=3e-3)
-
-
-@pytest.fixture
-def plant(at_rest, settled) -> TruckWake:
-    at_rest.reset(settled[0])
-    return at_rest
+def settled() -> tuple[TruckWake, State, dict[str, float]]:
+    plant = TruckWake(FlowConfig(substeps=8, refinement=0.4))
+    return plant, *develop.settle(plant, tolerance=3e-3)
 
 
 @pytest.mark.slow  # the flow settles
-def test_it_is_steady_and_symmetric_without_a_third_of_the_drag(plant, settled):
-    state, figures = settled
+def test_it_is_steady_and_symmetric_without_a_third_of_the_drag(settled):
+    plant, state, figures = settled
+    plant.reset(state)
     assert plant.sample().Cl == pytest.approx(0.0, abs=1e-9)
     u, v, p = plant.flow.u, plant.flow.v, plant.flow.p
     assert np.array_equal(u, u[:, ::-1])
@@ -105,19 +96,20 @@ def test_it_is_steady_and_symmetric_without_a_third_of_the_drag(plant, settled):
 
 
 @pytest.mark.slow
-def test_what_is_not_steady_is_refused(plant, settled, at_rest):
+def test_what_is_not_steady_is_refused(settled):
+    plant, state, _ = settled
     with pytest.raises(
         PlantError, match=r"with an action of 0\.01 in force: `stillwake develop FILE --steady` computes"
     ):
-        develop.check_steady(plant, replace(settled[0], action=0.01))
-    plant.reset(settled[0])
+        develop.check_steady(plant, replace(state, action=0.01))
+    plant.reset(state)
     plant.advance(0.01)
     with pytest.raises(PlantError, match="velocities differ from their mirror image by up to"):
         develop.check_steady(plant, replace(plant.state(), substep=0, action=0.0))
     # Symmetric, and far from any balance.
-    plant.reset(settled[0])
+    plant.reset(state)
     plant.flow.u[:] *= 0.5
     with pytest.raises(PlantError, match=r"max \|du/dt\| = .*, must be at most 0\.01"):
         develop.check_steady(plant, replace(plant.state(), action=0.0))
     with pytest.raises(PlantError, match=r"not steady after 0\.4 t_c: max \|du/dt\| = .* must be below 1e-09"):
-        develop.settle(at_rest, tolerance=1e-9, longest=0.4)
+        develop.settle(plant, tolerance=1e-9, longest=0.4)
