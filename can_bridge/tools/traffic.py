@@ -91,15 +91,12 @@ class Traffic:
         # A frame in the wrong format (CAN FD or classic) has to fail the end-to-end check, so its data are removed.
         whole = frame if frame.is_fd == spec.is_fd else replace(frame, data=b"")
         if spec.is_secured:
-            before, self.verifier = self.verifier, verified(self.verifier, (whole,), spec=spec, key=self._key).state
-            if self.verifier.not_authentic > before.not_authentic:
-                self.mac = Mac.NOT_AUTHENTIC
-            elif self.verifier.not_fresh > before.not_fresh:
-                self.mac = Mac.NOT_FRESH
-            else:
-                self.mac = Mac.NOT_CHECKED if self._key is None else Mac.OK
-        if self.mac in MAC_REFUSED:
-            return
+            forged, judged = self.verifier.not_authentic, verified(self.verifier, (whole,), spec=spec, key=self._key)
+            self.verifier = judged.state
+            if judged.none_authentic:
+                self.mac = Mac.NOT_AUTHENTIC if judged.state.not_authentic > forged else Mac.NOT_FRESH
+                return
+            self.mac = Mac.NOT_CHECKED if self._key is None else Mac.OK
         last = self.receiver.last_counter
         self.receiver, reception = receive(self.receiver, (whole,), spec=spec, config=self._e2e)
         (self.check,) = reception.checks
@@ -129,8 +126,8 @@ class Traffic:
     @property
     def verdict(self) -> str:
         """The reason to reject the newest frame, or the result of its end-to-end check; empty without any check."""
-        if self.mac is not None and self.mac in MAC_REFUSED:
-            return str(self.mac.value)
+        if self.mac in MAC_REFUSED:
+            return self.mac.value
         return "" if self.check is None else CHECK_TEXT[self.check]
 
     @property
