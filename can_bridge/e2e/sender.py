@@ -19,7 +19,7 @@ class SenderState:
 
 def protected_frame(state: SenderState, data: bytes, *, spec: MessageSpec, now_ns: int) -> Frame:
     """Return the next frame of a message, with data from the message's `emit`. For a secured message, the frame has
-    only the protected part; `can_bridge.secoc.node.secured` adds the rest. Raises ValueError for a wrong length."""
+    only the protected part; `can_bridge.secoc.securing.secured` adds the rest. Raises ValueError for a wrong length."""
     if len(data) != spec.protected:
         raise ValueError(f"{spec.name} has {len(data)} bytes: must have {spec.protected}")
     protected = profile_of(spec).protect(data, data_id=spec.data_id, counter=state.counter)

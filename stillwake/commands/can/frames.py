@@ -95,8 +95,7 @@ def _frames(
     from can_bridge.bus.conversion import to_message
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.e2e.sender import E2eSender, SenderState
-    from can_bridge.secoc.node import secured
-    from can_bridge.secoc.securing import Freshness
+    from can_bridge.secoc.securing import Freshness, secured
     from can_bridge.tools.signals import encode
 
     spec, data = encode(name, values)

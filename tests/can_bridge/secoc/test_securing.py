@@ -12,8 +12,17 @@ from can_bridge.e2e.profiles import PROFILE_5
 from can_bridge.e2e.sender import SenderState, protected_frame
 from can_bridge.secoc.freshness_store import FRESHNESS_SCHEMA, FreshnessStore
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.node import Authentication, key_of, secured
-from can_bridge.secoc.securing import LARGEST_HALF, Freshness, VerifierState, secure, verified, verify
+from can_bridge.secoc.securing import (
+    LARGEST_HALF,
+    Authentication,
+    Freshness,
+    VerifierState,
+    key_of,
+    secure,
+    secured,
+    verified,
+    verify,
+)
 from can_bridge.wire.frame import FD_LENGTHS, Frame
 from can_bridge.wire.message_specs import JET_COMMAND, JET_COMMAND_SECURED, PRESSURE, SECURED_SPECS, MessageSpec
 from contract.config.vehicle import BusConfig
