@@ -77,9 +77,9 @@ _Stage = Enum("_Stage", "NOTHING FREED LISTS ODTS ENTRIES")
 
 
 class DaqLists:
-    """The measurement list, and the values of the latest control period. Another thread may only call `sample`. A
-    command's method takes a packet of at least the command's shortest length. It returns the answer without its first
-    byte, or None if this is the whole answer; it raises Denied to refuse the command."""
+    """The measurement list, and the values of the latest control period. Another thread may only call `sample`. The
+    method of an XCP command has the command's name, and takes a packet of at least its shortest length. It returns the
+    answer without its first byte, or None if this is the whole answer; it raises Denied to refuse the command."""
 
     def __init__(self, period_ns: int) -> None:
         self._cycle = cycle_of(period_ns)
@@ -123,8 +123,6 @@ class DaqLists:
         """Return bytes of the memory area with the latest period's values; None for a range outside this area."""
         at = address - MEASURED_ADDRESS
         return self._measured[at : at + length] if 0 <= at <= at + length <= MEASURED_BYTES else None
-
-    # Each method below executes the XCP command of the same name.
 
     def free_daq(self, data: bytes) -> None:
         self.free()

@@ -90,7 +90,6 @@ def stuffed(bits: str, *, at_end: bool = True) -> str:
     while run := pattern.search(rest):
         end = run.end()
         sent += rest[:end]
-        # The stuff bit counts as the first bit of the next run.
         rest = ("1" if rest[end - 1] == "0" else "0") + rest[end:]
     return sent + rest
 
