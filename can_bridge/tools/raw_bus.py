@@ -21,9 +21,9 @@ class RawBus(OpenBus):
         message = self._received(timeout_s)
         return None if isinstance(message, Rejection) else message
 
-    def send_message(self, message: can.Message, *, timeout_s: float = 0.1) -> None:
-        """Send one message of any kind. Raises BusError if the bus failed or does not accept the message in time."""
-        self._send(message, id_text(message), timeout_s)
+    def send_frame(self, frame: Frame) -> None:
+        """Send one frame. Raises BusError if the bus failed or does not accept the frame within 0.1 s."""
+        self._send(conversion.to_message(frame), id_text(frame), 0.1)
 
 
 def open_bus(config: BusConfig) -> RawBus:
@@ -46,8 +46,6 @@ def frame_of(message: can.Message) -> Frame | None:
     return frame if isinstance(frame, Frame) else None
 
 
-def id_text(message: can.Message | Frame) -> str:
+def id_text(frame: Frame) -> str:
     """Return an identifier as candump writes it: three hexadecimal digits, or eight for 29 bits."""
-    if isinstance(message, Frame):
-        return f"{message.frame_id:08X}" if message.is_extended else f"{message.frame_id:03X}"
-    return f"{message.arbitration_id:08X}" if message.is_extended_id else f"{message.arbitration_id:03X}"
+    return f"{frame.frame_id:08X}" if frame.is_extended else f"{frame.frame_id:03X}"

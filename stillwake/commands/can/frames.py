@@ -23,11 +23,10 @@ from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import console, listed
 
 if TYPE_CHECKING:
-    import can
-
     from can_bridge.logs.log_reader import CanLog
     from can_bridge.secoc.key import Key
     from can_bridge.tools.traffic import Summary, Traffic
+    from can_bridge.wire.frame import Frame
     from contract.config.vehicle import BusConfig
 
 BUS: Final = ("bus.interface", "bus.channel", "bus.frames", "bus.nominal_bitrate", "bus.data_bitrate")
@@ -79,7 +78,7 @@ def send(
             if (left := begin + sent * period - time.monotonic()) > 0:
                 time.sleep(min(left, 0.2))
                 continue
-            opened.send_message(stamped(time.time()))
+            opened.send_frame(stamped(time.time()))
             sent += 1
             if count > 1:
                 report("sending", sent, count)
@@ -90,9 +89,8 @@ def send(
 
 def _frames(
     name: str, values: list[str], counter: int, trip: int | None, config: "BusConfig"
-) -> "Callable[[float], can.Message]":
+) -> "Callable[[float], Frame]":
     """Return a function that builds the next frame to send; the function's argument is the frame's time stamp in s."""
-    from can_bridge.bus.conversion import to_message
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.e2e.sender import E2eSender, SenderState
     from can_bridge.secoc.securing import Freshness, secured
@@ -123,12 +121,12 @@ def _frames(
     key = key_of(config.key)
     freshness = Freshness(trip=trip or 1)
 
-    def made(now_s: float) -> "can.Message":
+    def made(now_s: float) -> "Frame":
         nonlocal freshness
         frame = sender.frame(data, now_ns=round(now_s * 1e9))
         frame = secured(frame, spec=spec, key=key, freshness=freshness)
         freshness = freshness.next()
-        return to_message(frame)
+        return frame
 
     return made
 
