@@ -5,8 +5,8 @@ from typing import Any, Self, TypedDict
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.command_gate import Intervention
+from can_bridge.e2e.profiles import SenderState, protected_frame
 from can_bridge.e2e.receiver import FrameCheck, ReceiverState
-from can_bridge.e2e.sender import SenderState, protected_frame
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.securing import Authentication, Freshness, VerifierState, secured
 from can_bridge.wire.frame import Frame

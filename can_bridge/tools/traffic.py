@@ -11,12 +11,12 @@ from typing import Any, Final
 
 import can
 
+from can_bridge.bus.conversion import data_frame_of, id_text
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import GOOD, FrameCheck, ReceiverState, receive
 from can_bridge.logs.entries import error_class
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.securing import VerifierState, verified
-from can_bridge.tools.raw_bus import frame_of, id_text
 from can_bridge.tools.signals import PROTECTION, Decoded, decode
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import frame_ns
@@ -256,7 +256,7 @@ class Summary:
         time_s = message.timestamp
         self.first_s = time_s if self.first_s is None else min(time_s, self.first_s)
         self.last_s = time_s if self.last_s is None else max(time_s, self.last_s)
-        if (frame := frame_of(message)) is None:
+        if (frame := data_frame_of(message)) is None:
             if message.is_error_frame:
                 self.errors[error_class(message)] += 1
             self.remote += message.is_remote_frame and not message.is_error_frame

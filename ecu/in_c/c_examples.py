@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from can_bridge.e2e.sender import E2eSender
+from can_bridge.e2e.profiles import E2eSender
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.securing import Freshness, secured
 from can_bridge.wire.message_sets import message_set

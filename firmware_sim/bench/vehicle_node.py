@@ -22,9 +22,8 @@ from typing import Final
 
 import numpy as np
 
-from can_bridge.e2e.profiles import profile_of
+from can_bridge.e2e.profiles import E2eSender, profile_of
 from can_bridge.e2e.receiver import E2eReceiver, ReceiverState
-from can_bridge.e2e.sender import E2eSender
 from can_bridge.secoc.securing import Authentication, Freshness, VerifierState, key_of, secured, verified
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set

@@ -15,8 +15,8 @@ import numpy as np
 import can_bridge
 import contract
 import ecu
+from can_bridge.e2e.profiles import E2eSender
 from can_bridge.e2e.receiver import E2eReceiver
-from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire import codec
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, VEHICLE_SPEED
 from can_bridge.wire.messages import Mode, Pressure, VehicleSpeed

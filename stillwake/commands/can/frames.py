@@ -66,7 +66,7 @@ def send(
 
     stillwake can send Pressure Pressure0=-12.5 Valid0=1 --bus socketcan:can0
     """
-    from can_bridge.tools.raw_bus import open_bus
+    from can_bridge.bus.backends.connection import open_bus
 
     config = settings("can send", with_bus(bus, given), uses=(*BUS, "bus.key")).config.bus
     shared.positive("--period", period)
@@ -91,8 +91,7 @@ def _frames(
     name: str, values: list[str], counter: int, trip: int | None, config: "BusConfig"
 ) -> "Callable[[float], Frame]":
     """Return a function that builds the next frame to send; the function's argument is the frame's time stamp in s."""
-    from can_bridge.e2e.profiles import profile_of
-    from can_bridge.e2e.sender import E2eSender, SenderState
+    from can_bridge.e2e.profiles import E2eSender, SenderState, profile_of
     from can_bridge.secoc.securing import Freshness, secured
     from can_bridge.tools.signals import encode
 
@@ -188,7 +187,7 @@ def decode(
 
 def _line(traffic: "Traffic", first: str) -> str:
     """Describe the newest frame. The frame's channel is stated if it is not `first`, the first channel of the log."""
-    from can_bridge.tools.raw_bus import id_text
+    from can_bridge.bus.conversion import id_text
 
     frame, decoded = traffic.latest, traffic.decoded
     head = f"({traffic.last_ns / 1e9:.6f}) {id_text(frame)}"
@@ -211,7 +210,7 @@ def _csv_rows(path: Path | None) -> "Iterator[Callable[[Traffic], None]]":
     if path is None:
         yield lambda traffic: None
         return
-    from can_bridge.tools.raw_bus import id_text
+    from can_bridge.bus.conversion import id_text
     from can_bridge.tools.traffic import CHECK_TEXT
 
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
@@ -230,7 +229,7 @@ def _csv_rows(path: Path | None) -> "Iterator[Callable[[Traffic], None]]":
 
 
 def _print_summary(found: "Summary", log: "CanLog") -> None:
-    from can_bridge.tools.raw_bus import id_text
+    from can_bridge.bus.conversion import id_text
 
     # Times are counted from the first frame, so that the numbers are short and all columns fit into 80 characters.
     begin_ns = round((found.first_s or 0.0) * 1e9)

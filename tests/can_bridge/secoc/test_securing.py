@@ -8,8 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from can_bridge.e2e.profiles import PROFILE_5
-from can_bridge.e2e.sender import SenderState, protected_frame
+from can_bridge.e2e.profiles import PROFILE_5, SenderState, protected_frame
 from can_bridge.secoc.freshness_store import FRESHNESS_SCHEMA, FreshnessStore
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.securing import (

@@ -14,7 +14,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from can_bridge.e2e.sender import E2eSender
+from can_bridge.e2e.profiles import E2eSender
 from can_bridge.flashing.checking import Rules, fits_as
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict

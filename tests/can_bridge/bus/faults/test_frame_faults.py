@@ -9,8 +9,7 @@ from math import sqrt
 from typing import Any, Literal
 
 from can_bridge.bus.faults.frame_faults import BurstLoss, Delay, Drop, Duplicate, FlipBits, Reorder, StuckAt, WireErrors
-from can_bridge.e2e.profiles import PROFILE_5, profile_of
-from can_bridge.e2e.sender import E2eSender, SenderState, protected_frame
+from can_bridge.e2e.profiles import PROFILE_5, E2eSender, SenderState, profile_of, protected_frame
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import sent_bits, worst_case_ns
 from can_bridge.wire.message_specs import PRESSURE, PRESSURE_SECURED, SPECS
