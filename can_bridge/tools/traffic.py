@@ -127,7 +127,7 @@ class Traffic:
     def verdict(self) -> str:
         """The reason to reject the newest frame, or the result of its end-to-end check; empty without any check."""
         if self.mac in MAC_REFUSED:
-            return self.mac.value
+            return str(self.mac.value)
         return "" if self.check is None else CHECK_TEXT[self.check]
 
     @property
