@@ -13,7 +13,7 @@ import numpy as np
 
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 from can_bridge.command_gate import GatedCommand, GateLimits, Intervention, gate
-from can_bridge.secoc.node import Authentication, key_of
+from can_bridge.secoc.securing import Authentication, key_of
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S

@@ -5,11 +5,10 @@ from typing import Any, Self, TypedDict
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.command_gate import Intervention
+from can_bridge.e2e.profiles import SenderState, protected_frame
 from can_bridge.e2e.receiver import FrameCheck, ReceiverState
-from can_bridge.e2e.sender import SenderState, protected_frame
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.node import Authentication, secured
-from can_bridge.secoc.securing import Freshness, VerifierState
+from can_bridge.secoc.securing import Authentication, Freshness, VerifierState, secured
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import Message, MessageSet
 from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus, JetCommand, Mode, Reason

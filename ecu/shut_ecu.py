@@ -6,7 +6,7 @@ from typing import Final, Unpack
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.command_gate import Intervention
-from can_bridge.secoc.node import Authentication, key_of
+from can_bridge.secoc.securing import Authentication, key_of
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import SENSORS, JetCommand, Reason

@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
-from can_bridge.e2e.sender import E2eSender
+from can_bridge.e2e.profiles import E2eSender
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.securing import Freshness, secure
 from can_bridge.wire.frame import Frame

@@ -1,5 +1,7 @@
 """The conversion between our frames and python-can's messages."""
 
+from copy import copy
+
 import can
 
 from can_bridge.bus.interface import Rejection
@@ -41,3 +43,18 @@ def frame_of(message: can.Message) -> Frame | Rejection:
         )
     except (ValueError, OverflowError, TypeError):
         return Rejection.GARBAGE
+
+
+def data_frame_of(message: can.Message) -> Frame | None:
+    """Return the data frame in a message, with an 11- or 29-bit identifier; None for remote, error and invalid frames.
+    A time below 0 becomes 0; a log has such times before a trigger."""
+    if message.timestamp < 0.0:
+        message = copy(message)
+        message.timestamp = 0.0
+    frame = frame_of(message)
+    return frame if isinstance(frame, Frame) else None
+
+
+def id_text(frame: Frame) -> str:
+    """Return an identifier as candump writes it: three hexadecimal digits, or eight for 29 bits."""
+    return f"{frame.frame_id:08X}" if frame.is_extended else f"{frame.frame_id:03X}"

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from can_bridge.calibration.xcp import MAX_CTO, RESPONSE, Denied, Error, deny_if
+from can_bridge.calibration.xcp import MAX_CTO, Denied, Error, deny_if
 from can_bridge.wire.messages import SENSORS, Mode, Reason
 from contract.arrays import Array
 from contract.controller.calibration import PACKED_BYTES, Calibration
@@ -77,8 +77,9 @@ _Stage = Enum("_Stage", "NOTHING FREED LISTS ODTS ENTRIES")
 
 
 class DaqLists:
-    """The measurement list, and the values of the latest control period. Another thread may only call `sample`. A
-    command's method takes a packet of at least the command's shortest length; it returns an answer or raises Denied."""
+    """The measurement list, and the values of the latest control period. Another thread may only call `sample`. The
+    method of an XCP command has the command's name, and takes a packet of at least its shortest length. It returns the
+    answer without its first byte, or None if this is the whole answer; it raises Denied to refuse the command."""
 
     def __init__(self, period_ns: int) -> None:
         self._cycle = cycle_of(period_ns)
@@ -123,50 +124,43 @@ class DaqLists:
         at = address - MEASURED_ADDRESS
         return self._measured[at : at + length] if 0 <= at <= at + length <= MEASURED_BYTES else None
 
-    # Each method below executes the XCP command of the same name.
-
-    def free_daq(self, data: bytes) -> bytes:
+    def free_daq(self, data: bytes) -> None:
         self.free()
         self._stage = _Stage.FREED
-        return _OK
 
-    def alloc_daq(self, data: bytes) -> bytes:
+    def alloc_daq(self, data: bytes) -> None:
         self._check_stage(_Stage.FREED, _Stage.LISTS)
         count = _number(data, 2)
         deny_if(count > 1, Error.MEMORY_OVERFLOW)
         self._stage, self._lists = _Stage.LISTS, count
-        return _OK
 
-    def alloc_odt(self, data: bytes) -> bytes:
+    def alloc_odt(self, data: bytes) -> None:
         self._check_stage(_Stage.LISTS, _Stage.ODTS)
-        self._check_list(data, 2)
+        self._check_list(data)
         count = data[4]
         deny_if(count == 0, Error.OUT_OF_RANGE)
         deny_if(count > MOST_ODTS, Error.MEMORY_OVERFLOW)
         self._stage, self._odts = _Stage.ODTS, [[] for _ in range(count)]
-        return _OK
 
-    def alloc_odt_entry(self, data: bytes) -> bytes:
+    def alloc_odt_entry(self, data: bytes) -> None:
         """Allocate the entries of one frame; raises Denied if the frame has entries already."""
         self._check_stage(_Stage.ODTS, _Stage.ENTRIES)
-        self._check_list(data, 2)
+        self._check_list(data)
         odt, count = data[4], data[5]
         deny_if(odt >= len(self._odts) or count == 0, Error.OUT_OF_RANGE)
         deny_if(bool(self._odts[odt]), Error.SEQUENCE)
         deny_if(self._used + count > MOST_ENTRIES, Error.MEMORY_OVERFLOW)
         self._stage, self._odts[odt] = _Stage.ENTRIES, [(0, 0)] * count
         self._used += count
-        return _OK
 
-    def set_daq_ptr(self, data: bytes) -> bytes:
+    def set_daq_ptr(self, data: bytes) -> None:
         self._check_idle()
-        self._check_list(data, 2)
+        self._check_list(data)
         odt, entry = data[4], data[5]
         deny_if(odt >= len(self._odts) or entry >= len(self._odts[odt]), Error.OUT_OF_RANGE)
         self._pointer = odt, entry
-        return _OK
 
-    def write_daq(self, data: bytes) -> bytes:
+    def write_daq(self, data: bytes) -> None:
         """Write the entry at the pointer, and move the pointer to the frame's next entry."""
         self._check_idle()
         if self._pointer is None or self._pointer[1] >= len(self._odts[self._pointer[0]]):
@@ -180,24 +174,22 @@ class DaqLists:
         deny_if(sum(other for _, other in entries) - entries[entry][1] + size > MOST_IN_ODT, Error.DAQ_CONFIG)
         entries[entry] = at, size
         self._pointer = odt, entry + 1
-        return _OK
 
-    def set_daq_list_mode(self, data: bytes) -> bytes:
+    def set_daq_list_mode(self, data: bytes) -> None:
         """Set the list's mode; the priority in the command is ignored."""
         self._check_idle()
         deny_if(data[1] != 0, Error.MODE_NOT_VALID)
-        self._check_list(data, 2)
+        self._check_list(data)
         deny_if(_number(data, 4) != 0 or data[6] != 1, Error.OUT_OF_RANGE)
-        return _OK
 
     def get_daq_list_mode(self, data: bytes) -> bytes:
-        self._check_list(data, 2)
+        self._check_list(data)
         bits = (_SELECTED if self._is_selected else 0) | (_RUNNING if self.is_running else 0)
         event, prescaler, priority = 0, 1, 0
-        return bytes([RESPONSE, bits, 0, 0, event, 0, prescaler, priority])
+        return bytes([bits, 0, 0, event, 0, prescaler, priority])
 
     def start_stop_daq_list(self, data: bytes) -> bytes:
-        self._check_list(data, 2)
+        self._check_list(data)
         deny_if(data[1] > 2, Error.MODE_NOT_VALID)
         if data[1] == 0:
             self._stop()
@@ -207,29 +199,27 @@ class DaqLists:
             self.is_running = True
         else:
             self._is_selected = True
-        return bytes([RESPONSE, 0])
+        return bytes([0])
 
-    def start_stop_synch(self, data: bytes) -> bytes:
+    def start_stop_synch(self, data: bytes) -> None:
         deny_if(data[1] > 2, Error.MODE_NOT_VALID)
         if data[1] == 0 or (data[1] == 2 and self._is_selected):
             self._stop()
         elif data[1] == 1 and self._is_selected:
             self.is_running = True
         self._is_selected = False
-        return _OK
 
     def get_daq_processor_info(self, data: bytes) -> bytes:
-        events = 1
-        return bytes([RESPONSE, DYNAMIC, self._lists, 0, events, 0, 0, 0])
+        return bytes([DYNAMIC, self._lists, 0, 1, 0, 0, 0])  # one event
 
     def get_daq_resolution_info(self, data: bytes) -> bytes:
-        return bytes([RESPONSE, 1, MOST_IN_ODT, 1, 0, 0, 0, 0])
+        return bytes([1, MOST_IN_ODT, 1, 0, 0, 0, 0])
 
     def get_daq_event_info(self, data: bytes) -> bytes:
         """Return the properties of the event; the tool reads the event's name by UPLOAD."""
         deny_if(_number(data, 2) != 0, Error.OUT_OF_RANGE)
         lists, priority = 1, 0
-        return bytes([RESPONSE, OF_DAQ, lists, len(EVENT_NAME), *self._cycle, priority])
+        return bytes([OF_DAQ, lists, len(EVENT_NAME), *self._cycle, priority])
 
     def _stop(self) -> None:
         self.is_running = False
@@ -241,11 +231,8 @@ class DaqLists:
     def _check_idle(self) -> None:
         deny_if(self.is_running, Error.DAQ_ACTIVE)
 
-    def _check_list(self, data: bytes, at: int) -> None:
-        deny_if(_number(data, at) >= self._lists, Error.OUT_OF_RANGE)
-
-
-_OK: Final = bytes([RESPONSE])
+    def _check_list(self, data: bytes) -> None:
+        deny_if(_number(data, 2) >= self._lists, Error.OUT_OF_RANGE)
 
 
 def _number(data: bytes, at: int) -> int:

@@ -143,7 +143,6 @@ class XcpAccess:
         return 0 if self.is_unlocked else CAL_PAG
 
     def lock(self) -> None:
-        """Lock the resource, and discard the seed and the bytes of the key."""
         self.is_unlocked = False
         self._forget()
 

@@ -1,5 +1,5 @@
 """The ECU's side of XCP: a state machine whose inputs are the time and the packets from the tool. Each command has a
-method with the command's name, here or in `can_bridge.calibration.daq`.
+method with the command's name, here or in `can_bridge.calibration.daq`, which returns the answer after its first byte.
 
 A tool reads and writes one segment with two pages (`can_bridge.calibration.segment`), and reads or measures the latest
 control period (`can_bridge.calibration.daq`). The ECU supports neither block mode nor flashing.
@@ -72,14 +72,14 @@ class XcpSlave:
         deny_if(len(data) < command.shortest, Error.CMD_SYNTAX)
         deny_if(command in xcp.PROTECTED and not self._access.is_unlocked, Error.ACCESS_LOCKED)
         name = command.name.lower()
-        handle: Callable[[bytes], bytes] = getattr(self, f"_{name}", None) or getattr(self.daq, name)
-        return handle(data)
+        handle: Callable[[bytes], bytes | None] = getattr(self, f"_{name}", None) or getattr(self.daq, name)
+        return bytes([xcp.RESPONSE]) + (handle(data) or b"")
 
     def _connect(self, data: bytes) -> bytes:
         self._end()
         self._is_connected = True
         versions = xcp.PROTOCOL_VERSION, xcp.TRANSPORT_VERSION
-        return struct.pack("<4BH2B", xcp.RESPONSE, xcp.RESOURCES, xcp.COMM_MODE, MAX_CTO, MAX_CTO, *versions)
+        return struct.pack("<3BH2B", xcp.RESOURCES, xcp.COMM_MODE, MAX_CTO, MAX_CTO, *versions)
 
     def _end_if_idle(self, now_ns: int) -> None:
         if self._is_connected and now_ns - self._last_ns > IDLE_NS:
@@ -98,74 +98,71 @@ class XcpSlave:
         self._identification = b""
         self._page = Page.WORKING
 
-    def _disconnect(self, data: bytes) -> bytes:
+    def _disconnect(self, data: bytes) -> None:
         self._end()
-        return bytes([xcp.RESPONSE])
 
     def _get_status(self, data: bytes) -> bytes:
         session = 0 if self._to_store is None else xcp.STORE_REQUEST
         session |= xcp.DAQ_RUNNING if self.daq.is_running else 0
-        return bytes([xcp.RESPONSE, session, self._access.protected, 0, 0, 0])
+        return bytes([session, self._access.protected, 0, 0, 0])
 
-    def _synch(self, data: bytes) -> bytes:
+    def _synch(self, data: bytes) -> None:
         raise Denied(Error.CMD_SYNCH)
 
     def _get_comm_mode_info(self, data: bytes) -> bytes:
         """Answer that the slave accepts neither blocks of commands nor a queue of commands."""
-        return bytes([xcp.RESPONSE, 0, 0, 0, 0, 0, 0, xcp.DRIVER_VERSION])
+        return bytes([0, 0, 0, 0, 0, 0, xcp.DRIVER_VERSION])
 
     def _get_id(self, data: bytes) -> bytes:
         """Offer an identification of type 0 (text) or 1 (name of the A2L file); the tool reads it by UPLOAD."""
         self._identification = A2L_NAME if data[1] in (0, 1) else b""
-        return struct.pack("<4BI", xcp.RESPONSE, 0, 0, 0, len(self._identification))
+        return struct.pack("<3xI", len(self._identification))
 
     def _get_daq_event_info(self, data: bytes) -> bytes:
         answer = self.daq.get_daq_event_info(data)
         self._identification = EVENT_NAME
         return answer
 
-    def _set_request(self, data: bytes) -> bytes:
+    def _set_request(self, data: bytes) -> None:
         deny_if(data[1] != xcp.STORE_REQUEST, Error.OUT_OF_RANGE)
         self._to_store = self._segment.in_force
-        return bytes([xcp.RESPONSE])
 
     def _get_seed(self, data: bytes) -> bytes:
-        return bytes([xcp.RESPONSE]) + self._access.seed(data[1], data[2])
+        return self._access.seed(data[1], data[2])
 
     def _unlock(self, data: bytes) -> bytes:
         if not self._access.unlock(data[1], data[2:]):
             self._end()
             raise Denied(Error.ACCESS_LOCKED)
-        return bytes([xcp.RESPONSE, self._access.protected])
+        return bytes([self._access.protected])
 
-    def _set_mta(self, data: bytes) -> bytes:
+    def _set_mta(self, data: bytes) -> None:
         self._address = _address(data)
         self._identification = b""
-        return bytes([xcp.RESPONSE])
 
     def _upload(self, data: bytes) -> bytes:
         length = _length(data[1], MAX_CTO - 1)
         if self._identification:
             piece, self._identification = self._identification[:length], self._identification[length:]
-            return bytes([xcp.RESPONSE]) + piece
+            return piece
         piece = self._read(self._address, length)
         self._address += length
-        return bytes([xcp.RESPONSE]) + piece
+        return piece
 
     def _short_upload(self, data: bytes) -> bytes:
         length, address = _length(data[1], MAX_CTO - 1), _address(data)
         piece = self._read(address, length)
         self._identification = b""
         self._address = address + length
-        return bytes([xcp.RESPONSE]) + piece
+        return piece
 
     def _build_checksum(self, data: bytes) -> bytes:
         length = int.from_bytes(data[4:8], "little")
         checksum = zlib.crc32(self._read(self._address, length))
         self._address += length
-        return struct.pack("<4BI", xcp.RESPONSE, xcp.CRC_32, 0, 0, checksum)
+        return struct.pack("<B2xI", xcp.CRC_32, checksum)
 
-    def _download(self, data: bytes) -> bytes:
+    def _download(self, data: bytes) -> None:
         length = _length(data[1], MAX_CTO - 2)
         deny_if(len(data) < 2 + length, Error.CMD_SYNTAX)
         _check_inside(self._address, length)
@@ -175,9 +172,8 @@ class XcpSlave:
         except ConfigError:
             raise Denied(Error.OUT_OF_RANGE) from None
         self._address += length
-        return bytes([xcp.RESPONSE])
 
-    def _set_cal_page(self, data: bytes) -> bytes:
+    def _set_cal_page(self, data: bytes) -> None:
         mode, segment = data[1], data[2]
         deny_if(not mode & (xcp.ECU_MODE | xcp.XCP_MODE), Error.MODE_NOT_VALID)
         if not mode & xcp.ALL_MODE:
@@ -187,40 +183,37 @@ class XcpSlave:
             self._segment.page = page
         if mode & xcp.XCP_MODE:
             self._page = page
-        return bytes([xcp.RESPONSE])
 
     def _get_cal_page(self, data: bytes) -> bytes:
         deny_if(data[1] not in (xcp.ECU_MODE, xcp.XCP_MODE), Error.MODE_NOT_VALID)
         _check_segment(data[2])
         page = self._segment.page if data[1] == xcp.ECU_MODE else self._page
-        return bytes([xcp.RESPONSE, 0, 0, page])
+        return bytes([0, 0, page])
 
     def _get_pag_processor_info(self, data: bytes) -> bytes:
-        segments, properties = 1, 0
-        return bytes([xcp.RESPONSE, segments, properties])
+        return bytes([1, 0])  # one segment, no properties
 
     def _get_segment_info(self, data: bytes) -> bytes:
         mode, info = data[1], data[3]
         _check_segment(data[2])
         if mode == 0 and info in (0, 1):
-            return struct.pack("<4BI", xcp.RESPONSE, 0, 0, 0, (ADDRESS, PACKED_BYTES)[info])
+            return struct.pack("<3xI", (ADDRESS, PACKED_BYTES)[info])
         if mode == 1:
-            return bytes([xcp.RESPONSE, len(Page), 0, 0, 0, 0])
+            return bytes([len(Page), 0, 0, 0, 0])
         raise Denied(Error.OUT_OF_RANGE)
 
     def _get_page_info(self, data: bytes) -> bytes:
         _check_segment(data[2])
         properties = WORKING_PROPERTIES if _page(data[3]) is Page.WORKING else REFERENCE_PROPERTIES
-        return bytes([xcp.RESPONSE, properties, 0])
+        return bytes([properties, 0])
 
-    def _copy_cal_page(self, data: bytes) -> bytes:
+    def _copy_cal_page(self, data: bytes) -> None:
         _check_segment(data[1])
         _check_segment(data[3])
         source, target = _page(data[2]), _page(data[4])
         deny_if(target is Page.REFERENCE, Error.WRITE_PROTECTED)
         if source is Page.REFERENCE:
             self._segment.copy_reference()
-        return bytes([xcp.RESPONSE])
 
     def _read(self, address: int, length: int) -> bytes:
         if (measured := self.daq.read(address, length)) is not None:

@@ -62,33 +62,19 @@ def parse(data: bytes) -> Single | First | Consecutive | FlowControl | None:
         return None
     kind, low = data[0] >> 4, data[0] & 0xF
     if kind == _SINGLE:
-        return _single(data, low)
-    if kind == _FIRST:
-        return _first(data, low)
+        # In a frame of more than eight bytes the first length is 0, and the length has a byte of its own.
+        at, length = (1, low) if len(data) <= CLASSIC_LENGTH else (2, 0 if low else data[1])
+        return Single(data[at : at + length]) if 0 < length <= len(data) - at else None
+    if kind == _FIRST and len(data) >= CLASSIC_LENGTH:
+        at, length, least = 2, low << 8 | data[1], capacity(len(data)) + 1
+        if length == 0:
+            at, length, least = 6, int.from_bytes(data[2:6], "big"), MAX_MESSAGE + 1
+        return First(length, data[at:], len(data)) if length >= least else None
     if kind == _CONSECUTIVE:
         return Consecutive(low, data[1:])
     if kind == _FLOW and len(data) >= 3:
         status = FlowStatus(low) if low <= FlowStatus.OVERFLOW else None
         return FlowControl(status, data[1], separation_ns(data[2]))
-    return None
-
-
-def _single(data: bytes, low: int) -> Single | None:
-    if len(data) <= CLASSIC_LENGTH:
-        return Single(data[1 : 1 + low]) if 0 < low < len(data) else None
-    length = data[1]
-    return Single(data[2 : 2 + length]) if low == 0 and 0 < length <= len(data) - 2 else None
-
-
-def _first(data: bytes, low: int) -> First | None:
-    if len(data) < CLASSIC_LENGTH:
-        return None
-    length = low << 8 | data[1]
-    if length > capacity(len(data)):
-        return First(length, data[2:], len(data))
-    if length == 0:
-        length = int.from_bytes(data[2:6], "big")
-        return First(length, data[6:], len(data)) if length > MAX_MESSAGE else None
     return None
 
 

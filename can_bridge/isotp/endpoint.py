@@ -48,7 +48,7 @@ class _Reception:
 
     def __init__(self, settings: IsoTpSettings) -> None:
         self._settings = settings
-        self._wanted = self._frame_length = self._next_number = self._left_in_block = self._deadline_ns = 0
+        self._wanted = self._frame_length = self._frames = self._deadline_ns = 0
         self._data = bytearray()
 
     @property
@@ -72,17 +72,15 @@ class _Reception:
         self._wanted = part.length
         self._frame_length = part.frame_length
         self._data += part.data
-        self._next_number = 1
-        self._left_in_block = self._settings.block_size
+        self._frames = 0
         self._deadline_ns = now_ns + self._settings.wait_ns
         return FlowStatus.CONTINUE
 
     def consecutive(self, now_ns: int, part: Consecutive) -> tuple[bytes | None, FlowStatus | None]:
         """Add the next part. Return the message if it is complete, and the flow status of an answer if one is due."""
-        if not self._wanted:
-            return None, None
-        if part.number != self._next_number:
+        if part.number != (self._frames + 1) % control_info.SEQUENCE_NUMBERS:
             self.abort()
+        if not self._wanted:
             return None, None
         missing = self._wanted - len(self._data)
         longest = self._frame_length - 1
@@ -90,18 +88,14 @@ class _Reception:
             # Only a message's last frame may be shorter than the first. The next frame's number ends the reception.
             return None, None
         self._data += part.data[:missing]
-        self._next_number = (self._next_number + 1) % control_info.SEQUENCE_NUMBERS
+        self._frames += 1
         self._deadline_ns = now_ns + self._settings.wait_ns
         if len(self._data) == self._wanted:
             message = bytes(self._data)
             self.abort()
             return message, None
-        if self._left_in_block:
-            self._left_in_block -= 1
-            if not self._left_in_block:
-                self._left_in_block = self._settings.block_size
-                return None, FlowStatus.CONTINUE
-        return None, None
+        block_size = self._settings.block_size
+        return None, FlowStatus.CONTINUE if block_size and self._frames % block_size == 0 else None
 
 
 class _State(Enum):

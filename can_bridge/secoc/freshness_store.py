@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.node import Authentication
-from can_bridge.secoc.securing import LARGEST_FRESHNESS, LARGEST_HALF
+from can_bridge.secoc.securing import LARGEST_FRESHNESS, LARGEST_HALF, Authentication
 from contract.atomic import replacing
 from contract.errors import BusError
 

@@ -1,4 +1,5 @@
-"""The functions that secure and verify frames. A frame that is not authentic or fresh is dropped before the E2E check.
+"""The functions that secure and verify frames, and the data that a node needs for them. A frame that is not authentic
+or fresh is dropped before the E2E check.
 
     protected part (E2E header first) | zeros | freshness, 8 bytes | MAC, 8 bytes
 
@@ -7,14 +8,18 @@ freshness. As in AUTOSAR SecOC, numbers have their most significant byte first. 
 frame to its message. A forged or repeated frame changes neither E2E counter nor window, so the stream continues.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from hmac import compare_digest
+from pathlib import Path
 from typing import Final, NamedTuple, Self
 
-from can_bridge.secoc.key import Key
+from can_bridge.secoc.key import Key, read_key
 from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import FRESHNESS_LENGTH, MAC_LENGTH, MessageSpec
+from contract.config.vehicle import BusConfig
+from contract.errors import ConfigError
 
 LARGEST_HALF: Final = 0xFFFFFFFF
 """The largest number of a power cycle, and of a frame within a power cycle."""
@@ -123,3 +128,44 @@ def verified(state: VerifierState, frames: Sequence[Frame], *, spec: MessageSpec
             passed.append(frame)
     after = VerifierState(freshness=freshness, not_authentic=not_authentic, not_fresh=not_fresh)
     return Verification(after, passed, none_authentic=after.refused > state.refused and not accepted)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Authentication:
+    """The data with which one node secures and verifies frames in one power cycle.
+
+    Attributes:
+        trip: number of the node's power cycles, including this one.
+        heard: freshness values accepted in earlier power cycles, by frame identifier.
+    """
+
+    key: Key = field(repr=False)
+    trip: int = 1
+    heard: Mapping[int, int] = field(default_factory=dict)
+
+    @property
+    def freshness(self) -> Freshness:
+        """The freshness of the first frame of each message that the node sends."""
+        return Freshness(trip=self.trip)
+
+    def verifier(self, spec: MessageSpec) -> VerifierState:
+        """Return the state that the receiver of a secured message has at power-on."""
+        return VerifierState(freshness=self.heard.get(spec.frame_id, 0))
+
+
+def authentication_in_virtual_time(config: BusConfig) -> Authentication | None:
+    """Return a node's data for its first power cycle; None without a key. Raises KeyFileError as `read_key` does."""
+    return Authentication(key=read_key(Path(config.key))) if config.key else None
+
+
+def key_of(authentication: Authentication | None, config: BusConfig) -> Key | None:
+    """Return the key to use. Raises ConfigError if only the settings or only the node has a key."""
+    if message_set(config).pressure.spec.is_secured != (authentication is not None):
+        given = "without a key" if authentication is None else "with a key"
+        raise ConfigError(f"bus.key = {config.key!r}: the node was made {given}")
+    return None if authentication is None else authentication.key
+
+
+def secured(frame: Frame, *, spec: MessageSpec, key: Key | None, freshness: Freshness) -> Frame:
+    """Return the frame as sent on the bus: with freshness and MAC, or unchanged if `key` is None."""
+    return frame if key is None else secure(frame, spec, key, freshness)

@@ -15,7 +15,7 @@ for them too, because a longer tau_bit can only increase the number of counted f
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import accumulate, pairwise
+from itertools import accumulate
 from random import Random
 from typing import Final, NamedTuple
 
@@ -69,10 +69,7 @@ def response_times(timings: Sequence[MessageTiming], *, bit_ns: int) -> list[Res
 
 
 def message_response_times(messages: Sequence[PeriodicMessage], bus: BusConfig) -> list[Response]:
-    """Return the response times of messages, highest priority first. Raises ValueError if the order is different."""
-    for one, other in pairwise(messages):
-        if one.priority >= other.priority:
-            raise ValueError(f"{one.name} is before {other.name}: messages must have decreasing priorities")
+    """Return the response times of messages, highest priority first."""
     timings = [
         MessageTiming(one.worst_ns(bus), one.period_ns, one.deadline_ns or one.period_ns, one.jitter_ns)
         for one in messages

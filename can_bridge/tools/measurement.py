@@ -21,13 +21,12 @@ from typing import Any, Final
 import can
 import numpy as np
 
-from can_bridge.bus.conversion import to_message
+from can_bridge.bus.conversion import data_frame_of, to_message
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.logs.entries import ChannelGroup, NamedChannel
 from can_bridge.logs.log_reader import CanLog
 from can_bridge.logs.mcap_file import write_mcap
 from can_bridge.logs.mdf_file import asammdf_for, write_mdf
-from can_bridge.tools.raw_bus import frame_of
 from can_bridge.tools.signals import SignalValue, decode
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode, Reason
@@ -86,7 +85,7 @@ def groups_of(messages: Iterable[can.Message]) -> tuple[list[ChannelGroup], Coun
     rows: dict[tuple[str, str], tuple[list[float], list[tuple[SignalValue, ...]]]] = {}
     skipped = Counter[str]()
     for message in messages:
-        if (frame := frame_of(message)) is None or (decoded := decode(frame)) is None:
+        if (frame := data_frame_of(message)) is None or (decoded := decode(frame)) is None:
             continue
         spec = decoded.spec
         if not decoded.signals or not profile_of(spec).check(frame.data[: spec.protected], data_id=spec.data_id):

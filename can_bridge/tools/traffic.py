@@ -11,12 +11,12 @@ from typing import Any, Final
 
 import can
 
+from can_bridge.bus.conversion import data_frame_of, id_text
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import GOOD, FrameCheck, ReceiverState, receive
 from can_bridge.logs.entries import error_class
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.securing import VerifierState, verified
-from can_bridge.tools.raw_bus import frame_of, id_text
 from can_bridge.tools.signals import PROTECTION, Decoded, decode
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import frame_ns
@@ -91,15 +91,12 @@ class Traffic:
         # A frame in the wrong format (CAN FD or classic) has to fail the end-to-end check, so its data are removed.
         whole = frame if frame.is_fd == spec.is_fd else replace(frame, data=b"")
         if spec.is_secured:
-            before, self.verifier = self.verifier, verified(self.verifier, (whole,), spec=spec, key=self._key).state
-            if self.verifier.not_authentic > before.not_authentic:
-                self.mac = Mac.NOT_AUTHENTIC
-            elif self.verifier.not_fresh > before.not_fresh:
-                self.mac = Mac.NOT_FRESH
-            else:
-                self.mac = Mac.NOT_CHECKED if self._key is None else Mac.OK
-        if self.mac in MAC_REFUSED:
-            return
+            forged, judged = self.verifier.not_authentic, verified(self.verifier, (whole,), spec=spec, key=self._key)
+            self.verifier = judged.state
+            if judged.none_authentic:
+                self.mac = Mac.NOT_AUTHENTIC if judged.state.not_authentic > forged else Mac.NOT_FRESH
+                return
+            self.mac = Mac.NOT_CHECKED if self._key is None else Mac.OK
         last = self.receiver.last_counter
         self.receiver, reception = receive(self.receiver, (whole,), spec=spec, config=self._e2e)
         (self.check,) = reception.checks
@@ -129,7 +126,7 @@ class Traffic:
     @property
     def verdict(self) -> str:
         """The reason to reject the newest frame, or the result of its end-to-end check; empty without any check."""
-        if self.mac is not None and self.mac in MAC_REFUSED:
+        if self.mac in MAC_REFUSED:
             return str(self.mac.value)
         return "" if self.check is None else CHECK_TEXT[self.check]
 
@@ -259,7 +256,7 @@ class Summary:
         time_s = message.timestamp
         self.first_s = time_s if self.first_s is None else min(time_s, self.first_s)
         self.last_s = time_s if self.last_s is None else max(time_s, self.last_s)
-        if (frame := frame_of(message)) is None:
+        if (frame := data_frame_of(message)) is None:
             if message.is_error_frame:
                 self.errors[error_class(message)] += 1
             self.remote += message.is_remote_frame and not message.is_error_frame

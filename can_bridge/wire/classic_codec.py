@@ -26,7 +26,6 @@ CLASSIC_COUNT_LIMIT: Final = 63
 CLASSIC_BUS_OFF_LIMIT: Final = 15
 
 _AGE_LIMIT: Final = 7
-_SPEED_AGE_LIMIT: Final = 0xFF
 _INVALID: Final = -specs.INT12_MAX - 1
 _PRESSURE_BITS: Final = (16, 28, 40, 52)  # where the pressures begin
 
@@ -57,7 +56,7 @@ def parse_pressure(data: bytes) -> Pressure | None:
 
 def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
     density, speed = speed_steps(message)
-    age = _age_steps("VehicleSpeed", message.age_ns, _SPEED_AGE_LIMIT)
+    age = _age_steps("VehicleSpeed", message.age_ns, 0xFF)
     return (density << 24 | speed << 32 | age << 48).to_bytes(_LENGTH, "little")
 
 

@@ -24,14 +24,11 @@ _JET_COMMAND: Final = struct.Struct("<3x B h B x")  # flags, flow, echoed counte
 # receive errors, and pressures that the controller does not use.
 _ECU_STATUS: Final = struct.Struct("<3x B B B H H H I H H B B B x")
 
-_ENABLE_REQUEST: Final = 1 << 4
-
-_MODE_MASK: Final = 0b111
+# The bits of JetCommand's flags; bits 0 to 2 are the mode.
 _ENABLE: Final = 1 << 3
 _COUNTER_VALID: Final = 1 << 4
 _NEXT_PERIOD: Final = 1 << 5
 
-_STATE_MASK: Final = 0b1111
 _STATUS_LIMITS: Final = {
     **dict.fromkeys(("EcuStatus.overruns", "EcuStatus.missed", "EcuStatus.crc_errors"), messages.COUNT_LIMIT),
     "EcuStatus.bus_off": messages.BUS_OFF_LIMIT,
@@ -50,9 +47,7 @@ REASONS: Final = {reason.value: reason for reason in Reason}
 def emit_pressure(message: Pressure) -> bytes:
     """Return the message as 16 bytes; raises ValueError also for a wrong number of pressures."""
     steps = pressure_steps(message, specs.PRESSURE_RESOLUTION_PA, -specs.INT16_MAX - 1, specs.INT16_MAX)
-    v0, v1, v2, v3 = message.valid
-    flags = bool(v0) | bool(v1) << 1 | bool(v2) << 2 | bool(v3) << 3
-    flags |= _ENABLE_REQUEST if message.enable_request else 0
+    flags = sum(bool(one) << bit for bit, one in enumerate((*message.valid, message.enable_request)))
     return _PRESSURE.pack(flags, *steps, _age_steps("Pressure", message.age_ns))
 
 
@@ -64,7 +59,7 @@ def parse_pressure(data: bytes) -> Pressure | None:
     return Pressure(
         pressure_pa=(p0 * scale, p1 * scale, p2 * scale, p3 * scale),
         valid=(flags & 1 != 0, flags & 2 != 0, flags & 4 != 0, flags & 8 != 0),
-        enable_request=flags & _ENABLE_REQUEST != 0,
+        enable_request=flags & 16 != 0,
         age_ns=age * specs.AGE_RESOLUTION_NS,
     )
 
@@ -91,7 +86,7 @@ def parse_jet_command(data: bytes) -> JetCommand | None:
     if len(data) != 8:
         return None
     flags, flow, counter = _JET_COMMAND.unpack(data)
-    if (mode := MODES.get(flags & _MODE_MASK)) is None:
+    if (mode := MODES.get(flags & 0b111)) is None:
         return None
     return JetCommand(
         flow_m2_per_s=flow * specs.FLOW_RESOLUTION_M2_PER_S,
@@ -114,7 +109,7 @@ def parse_ecu_status(data: bytes) -> EcuStatus | None:
     if len(data) != 24:
         return None
     raw_state, raw_reason, bus_off, overruns, missed, crc_errors, *rest, aside = _ECU_STATUS.unpack(data)
-    state, reason = MODES.get(raw_state & _STATE_MASK), REASONS.get(raw_reason)
+    state, reason = MODES.get(raw_state & 0b1111), REASONS.get(raw_reason)
     if state is None or reason is None:
         return None
     counts = overruns, missed, crc_errors, bus_off, *rest, aside & messages.SET_ASIDE_LIMIT

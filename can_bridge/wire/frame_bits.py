@@ -79,10 +79,7 @@ def frame_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> int:
 
 
 def bits_ns(nominal: int, data: int, *, nominal_bitrate: int, data_bitrate: int) -> int:
-    """Return the time in ns of bits at both bit rates, rounded up. Raises ValueError unless the rates are positive."""
-    for name, rate in (("nominal", nominal_bitrate), ("data", data_bitrate)):
-        if rate <= 0:
-            raise ValueError(f"{name} bit rate {rate}: must be positive")
+    """Return the time in ns of bits at both bit rates, rounded up."""
     # The integer expression -(-a // b) rounds up.
     return -(-(10**9) * (nominal * data_bitrate + data * nominal_bitrate) // (nominal_bitrate * data_bitrate))
 
@@ -93,7 +90,6 @@ def stuffed(bits: str, *, at_end: bool = True) -> str:
     while run := pattern.search(rest):
         end = run.end()
         sent += rest[:end]
-        # The stuff bit counts as the first bit of the next run.
         rest = ("1" if rest[end - 1] == "0" else "0") + rest[end:]
     return sent + rest
 

@@ -11,7 +11,7 @@ from typing import Final
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.secoc.freshness_store import FreshnessStore
 from can_bridge.secoc.key import read_key
-from can_bridge.secoc.node import Authentication
+from can_bridge.secoc.securing import Authentication
 from can_bridge.tools.measurement import check_measurement, live_log
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import SETS, message_set

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.flashing.backing import Backing
-from can_bridge.secoc.node import Authentication
+from can_bridge.secoc.securing import Authentication
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Reason
 from contract.config.tree import Config

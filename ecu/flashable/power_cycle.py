@@ -7,7 +7,7 @@ from typing import NamedTuple, cast
 from can_bridge.flashing.backing import Backing, MediumError
 from can_bridge.flashing.state import TRIAL_BOOTS, Level
 from can_bridge.flashing.store import Boot, BootReason, Store
-from can_bridge.secoc.node import Authentication
+from can_bridge.secoc.securing import Authentication
 from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.fault_memory import FaultMemory
 from can_bridge.uds.server import UdsServer

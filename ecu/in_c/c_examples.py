@@ -2,10 +2,9 @@
 
 from typing import Final
 
-from can_bridge.e2e.sender import E2eSender
+from can_bridge.e2e.profiles import E2eSender
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.node import secured
-from can_bridge.secoc.securing import Freshness
+from can_bridge.secoc.securing import Freshness, secured
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import SPEED_RESOLUTION_M_PER_S, SPEED_UNKNOWN
 from can_bridge.wire.messages import SENSORS, Pressure, VehicleSpeed

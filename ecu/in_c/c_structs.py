@@ -16,8 +16,8 @@ import numpy as np
 
 from can_bridge.bus.interface import BusHealth, BusState
 from can_bridge.command_gate import Intervention
+from can_bridge.e2e.profiles import SenderState
 from can_bridge.e2e.receiver import FrameCheck, ReceiverState, StreamState
-from can_bridge.e2e.sender import SenderState
 from can_bridge.secoc.securing import Freshness, VerifierState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Reason

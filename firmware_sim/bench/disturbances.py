@@ -50,7 +50,7 @@ class NodeFault:
 class WireNoise(Span, section="wire_errors"):
     """A span with bit errors on the bus. CAN detects them, sends the frame again, and counts errors until bus-off."""
 
-    bit_error_rate: Probability[float]
+    bit_error_rate: Probability
     """Probability that a bit is wrong; bits are independent of each other."""
     node: Literal["all", "vehicle", "ecu"] = "all"
     at: Literal["send", "receive"] = "send"

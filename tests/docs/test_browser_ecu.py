@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from can_bridge.e2e.sender import E2eSender
+from can_bridge.e2e.profiles import E2eSender
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Pressure, VehicleSpeed

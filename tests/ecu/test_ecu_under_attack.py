@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.node import Authentication
+from can_bridge.secoc.securing import Authentication
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import SECURED
 from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Reason

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.secoc.key import write_key
-from can_bridge.secoc.node import authentication_in_virtual_time
+from can_bridge.secoc.securing import authentication_in_virtual_time
 from can_bridge.wire.frame import Frame
 from contract.config.loading import load_config
 from contract.config.tree import Config

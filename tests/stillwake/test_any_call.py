@@ -31,7 +31,7 @@ BEGINNINGS = (
     *("train.pipeline.fit_joint", "train.refinement.pipeline.refine", "export.release.pipeline.rounded_on"),
     *("export.release.pipeline.lower", "firmware_sim.mcu.measure.compile_for_cortex_m7"),
     *("wake.recording.recorder.run_parallel", "firmware_sim.campaign.conduct.spread"),
-    *("wake.pictures.drawing.save_figure", "can_bridge.tools.raw_bus.open_bus"),
+    *("wake.pictures.drawing.save_figure", "can_bridge.bus.backends.connection.open_bus"),
     *("can_bridge.tester.transport.open_client", "ecu.daemon.process.serve"),
     *("ecu.daemon.store_service.serve_store", "firmware_sim.latency.running.recorded"),
     "firmware_sim.live.serving.server.serve",

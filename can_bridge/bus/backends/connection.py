@@ -7,9 +7,11 @@ from typing import Any, ClassVar, Final, Self
 
 import can
 
+from can_bridge.bus.conversion import id_text, to_message
 from can_bridge.bus.interface import Rejection, UnusableReceptionError
+from can_bridge.wire.frame import Frame
 from contract.config.vehicle import SIMULATED, BusConfig
-from contract.errors import BusError, install
+from contract.errors import BusError, ConfigError, install
 from contract.runtime.copies import NeverCopied
 
 QUEUE_SIZE: Final = 1024
@@ -137,3 +139,27 @@ class OpenBus(NeverCopied):
             return Rejection.GARBAGE
         self._unreadable_in_a_row = 0
         return message
+
+
+class RawBus(OpenBus):
+    """A bus for tools. It delivers all received data as python-can's messages, including remote and error frames. A
+    node uses `can_bridge.bus.backends.python_can` instead, to receive only valid data frames that the node selected."""
+
+    def receive_message(self, timeout_s: float) -> can.Message | None:
+        """Return the next message, valid or not; None if none came or it is unreadable. Raises BusError if it fails."""
+        message = self._received(timeout_s)
+        return None if isinstance(message, Rejection) else message
+
+    def send_frame(self, frame: Frame) -> None:
+        """Send one frame. Raises BusError if the bus failed or does not accept the frame within 0.1 s."""
+        self._send(to_message(frame), id_text(frame), 0.1)
+
+
+def open_bus(config: BusConfig) -> RawBus:
+    """Connect to a bus. Raises ConfigError for the simulated bus, and BusError as `open_backend` does."""
+    if config.interface == SIMULATED:
+        raise ConfigError(
+            "bus.interface = simulated: that bus exists only within a run; name a real bus, e.g. "
+            "--set bus.interface=socketcan --set bus.channel=can0, or a log if the command accepts a log"
+        )
+    return RawBus(open_backend(config)[0])

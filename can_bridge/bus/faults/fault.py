@@ -5,18 +5,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf
 from random import Random
-from typing import Annotated, Final, Literal, TypeVar
+from typing import Annotated, Final, Literal
 
 from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
 from can_bridge.wire.frame import Frame
 from contract.config.rules import HUGE, NonNegative, Rule, Settings, require
 
-T = TypeVar("T", int, float)
-
 NowNs = Callable[[], int]
 """A function that returns the time in ns since the start of the run, from a simulated bus or a monotonic clock."""
 
-Probability = Annotated[T, Rule(wording="in [0, 1]", holds=lambda value: 0 <= value <= 1)]
+Probability = Annotated[float, Rule(wording="in [0, 1]", holds=lambda value: 0 <= value <= 1)]
 
 NS: Final = 10**9
 Change = Callable[[Frame], list[Frame]]

@@ -25,7 +25,7 @@ from contract.errors import BusError
 class Drop(SidedFault, section="drop"):
     """A fault that loses each frame with the same probability, independently. `acted` counts the lost frames."""
 
-    probability: Probability[float]
+    probability: Probability
 
     def change(self, random: Random) -> Change:
         return lambda frame: [] if random.random() < self.probability else [frame]
@@ -69,7 +69,7 @@ class BurstLoss(SidedFault, section="burst_loss"):
 class Duplicate(SidedFault, section="duplicate"):
     """A fault that adds copies directly after a frame, with the same time stamp. `acted` counts the copied frames."""
 
-    probability: Probability[float] = 1.0
+    probability: Probability = 1.0
     copies: AtLeastOne[int] = 1
 
     def change(self, random: Random) -> Change:
@@ -155,7 +155,7 @@ _SPECS: Final = {spec.frame_id: spec for spec in SPECS}
 class FlipBits(SidedFault, section="flip_bits"):
     """A fault that inverts bits of the data. `acted` counts the changed frames."""
 
-    probability: Probability[float] = 1.0
+    probability: Probability = 1.0
     bits: AtLeastOne[int] = 1
     """Number of different bits that are inverted in one frame. If a frame has fewer bits, all its bits are inverted."""
     before_crc: bool = False
@@ -222,7 +222,7 @@ def _reprotected(frame: Frame, data: bytes, spec: MessageSpec) -> Frame:
 class WireErrors(Span, section="wire_errors"):
     """A fault that inverts each bit independently with equal probability; only a frame's first wrong bit counts."""
 
-    bit_error_rate: Probability[float]
+    bit_error_rate: Probability
     nodes: tuple[str, ...] = ()
     """Names of ports; empty for all. If a bus uses the fault as `corrupts`, all nodes see wrong bits in frames of these
     ports. If a bus uses it as `mishears`, only these ports see wrong bits in the frames that they receive."""

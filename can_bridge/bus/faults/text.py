@@ -22,9 +22,20 @@ from contract.errors import ConfigError
 
 S = TypeVar("S", bound=Span)
 
-_OF_FRAMES: Final = (Drop, BurstLoss, Duplicate, Delay, Reorder, FlipBits, StuckAt)
-_OF_NODES: Final = (Babble, Disconnect, SlowConsumer, ClockDrift)
-BUS_FAULTS: Final[dict[str, type[BusFault]]] = {kind.section: kind for kind in (*_OF_FRAMES, *_OF_NODES)}
+_ALL: Final = (
+    Drop,
+    BurstLoss,
+    Duplicate,
+    Delay,
+    Reorder,
+    FlipBits,
+    StuckAt,
+    Babble,
+    Disconnect,
+    SlowConsumer,
+    ClockDrift,
+)
+BUS_FAULTS: Final[dict[str, type[BusFault]]] = {kind.section: kind for kind in _ALL}
 """The classes of all faults of a port, by the names with which a text begins."""
 
 _SPAN: Final = ("start_s", "end_s")

@@ -41,12 +41,11 @@ class SimulatedPort:
     Attributes:
         refused: number of frames that the bus refused because the queue was full or the node was bus-off.
         discarded: number of frames that were in the queue when the node went bus-off.
-        overruns: number of frames lost because they arrived while the receive queue was full.
     """
 
     def __init__(self, name: str, clock: Callable[[], int]) -> None:
         self.name = name
-        self.refused = self.discarded = self.overruns = 0
+        self.refused = self.discarded = 0
         self._clock = clock
         self._serial = 0
         self._received: list[Frame] = []
@@ -85,11 +84,9 @@ class SimulatedPort:
         return self.errors
 
     def deliver(self, frame: Frame) -> None:
-        """Put a frame into this node's receive queue. Only the bus calls this method."""
+        """Put a frame into this node's receive queue; a full queue loses it. Only the bus calls this method."""
         if len(self._received) < RECEIVE_CAPACITY:
             self._received.append(frame)
-        else:
-            self.overruns += 1
 
     def sent(self, item: Queued) -> None:
         """Remove a frame from the transmit queue. Only the bus calls this method."""

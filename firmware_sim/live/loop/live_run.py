@@ -8,7 +8,7 @@ from typing import Final, cast
 import numpy as np
 
 from can_bridge.command_gate import Intervention
-from can_bridge.secoc.node import authentication_in_virtual_time
+from can_bridge.secoc.securing import authentication_in_virtual_time
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Reason
 from contract.config.tree import Config

@@ -108,8 +108,8 @@ def _bus_rows(folder: RunFolder, log: RunLog) -> list[tuple[str, ...]]:
     if log.traffic.frames > _MOST_FRAMES or not folder.frames.is_file():
         return []
     # These imports take a second, because they import all readers of python-can. So they are inside the function.
+    from can_bridge.bus.conversion import id_text
     from can_bridge.logs.log_reader import CanLog
-    from can_bridge.tools.raw_bus import id_text
     from can_bridge.tools.traffic import Summary
 
     found, rows = Summary(config=log.metadata.config.bus), list[tuple[str, ...]]()

@@ -23,11 +23,10 @@ from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import console, listed
 
 if TYPE_CHECKING:
-    import can
-
     from can_bridge.logs.log_reader import CanLog
     from can_bridge.secoc.key import Key
     from can_bridge.tools.traffic import Summary, Traffic
+    from can_bridge.wire.frame import Frame
     from contract.config.vehicle import BusConfig
 
 BUS: Final = ("bus.interface", "bus.channel", "bus.frames", "bus.nominal_bitrate", "bus.data_bitrate")
@@ -67,7 +66,7 @@ def send(
 
     stillwake can send Pressure Pressure0=-12.5 Valid0=1 --bus socketcan:can0
     """
-    from can_bridge.tools.raw_bus import open_bus
+    from can_bridge.bus.backends.connection import open_bus
 
     config = settings("can send", with_bus(bus, given), uses=(*BUS, "bus.key")).config.bus
     shared.positive("--period", period)
@@ -79,7 +78,7 @@ def send(
             if (left := begin + sent * period - time.monotonic()) > 0:
                 time.sleep(min(left, 0.2))
                 continue
-            opened.send_message(stamped(time.time()))
+            opened.send_frame(stamped(time.time()))
             sent += 1
             if count > 1:
                 report("sending", sent, count)
@@ -90,13 +89,10 @@ def send(
 
 def _frames(
     name: str, values: list[str], counter: int, trip: int | None, config: "BusConfig"
-) -> "Callable[[float], can.Message]":
+) -> "Callable[[float], Frame]":
     """Return a function that builds the next frame to send; the function's argument is the frame's time stamp in s."""
-    from can_bridge.bus.conversion import to_message
-    from can_bridge.e2e.profiles import profile_of
-    from can_bridge.e2e.sender import E2eSender, SenderState
-    from can_bridge.secoc.node import secured
-    from can_bridge.secoc.securing import Freshness
+    from can_bridge.e2e.profiles import E2eSender, SenderState, profile_of
+    from can_bridge.secoc.securing import Freshness, secured
     from can_bridge.tools.signals import encode
 
     spec, data = encode(name, values)
@@ -124,12 +120,12 @@ def _frames(
     key = key_of(config.key)
     freshness = Freshness(trip=trip or 1)
 
-    def made(now_s: float) -> "can.Message":
+    def made(now_s: float) -> "Frame":
         nonlocal freshness
         frame = sender.frame(data, now_ns=round(now_s * 1e9))
         frame = secured(frame, spec=spec, key=key, freshness=freshness)
         freshness = freshness.next()
-        return to_message(frame)
+        return frame
 
     return made
 
@@ -191,7 +187,7 @@ def decode(
 
 def _line(traffic: "Traffic", first: str) -> str:
     """Describe the newest frame. The frame's channel is stated if it is not `first`, the first channel of the log."""
-    from can_bridge.tools.raw_bus import id_text
+    from can_bridge.bus.conversion import id_text
 
     frame, decoded = traffic.latest, traffic.decoded
     head = f"({traffic.last_ns / 1e9:.6f}) {id_text(frame)}"
@@ -214,7 +210,7 @@ def _csv_rows(path: Path | None) -> "Iterator[Callable[[Traffic], None]]":
     if path is None:
         yield lambda traffic: None
         return
-    from can_bridge.tools.raw_bus import id_text
+    from can_bridge.bus.conversion import id_text
     from can_bridge.tools.traffic import CHECK_TEXT
 
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
@@ -233,7 +229,7 @@ def _csv_rows(path: Path | None) -> "Iterator[Callable[[Traffic], None]]":
 
 
 def _print_summary(found: "Summary", log: "CanLog") -> None:
-    from can_bridge.tools.raw_bus import id_text
+    from can_bridge.bus.conversion import id_text
 
     # Times are counted from the first frame, so that the numbers are short and all columns fit into 80 characters.
     begin_ns = round((found.first_s or 0.0) * 1e9)

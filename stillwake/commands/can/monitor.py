@@ -21,7 +21,7 @@ from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import console
 
 if TYPE_CHECKING:
-    from can_bridge.tools.raw_bus import RawBus
+    from can_bridge.bus.backends.connection import RawBus
     from can_bridge.tools.traffic import Summary
 
 REFRESH_S = 0.1
@@ -73,7 +73,7 @@ def monitor(
         _read(summary, log, channel)
         console.print(table(summary.last_s or 0.0))
         return
-    from can_bridge.tools.raw_bus import open_bus
+    from can_bridge.bus.backends.connection import open_bus
 
     with open_bus(config) as opened, until_stopped() as is_stopped:
         end = float("inf") if seconds is None else time.monotonic() + seconds
@@ -168,7 +168,7 @@ def _heading(summary: "Summary", matching: str, source: str) -> Text:
 
 def _table(summary: "Summary", matching: str, now_ns: int, width: int) -> Table:
     """Return a table, at least 80 characters wide, with a row for each message and each signal."""
-    from can_bridge.tools.raw_bus import id_text
+    from can_bridge.bus.conversion import id_text
     from can_bridge.tools.traffic import rows
 
     value = min(24, max(10, width - 70))  # the other columns take 70 characters with the longest names and numbers

@@ -1,7 +1,6 @@
 """A bus of python-can inside this process for each test, and a simulated one."""
 
 from collections.abc import Iterator
-from itertools import count
 
 import pytest
 
@@ -9,13 +8,11 @@ from can_bridge.bus.backends.python_can import PythonCanBus
 from contract.config.vehicle import BusConfig
 from tests.can_bridge.bus.faults.links import Link, simulated_link
 
-CHANNELS = count()
-
 
 @pytest.fixture
-def config() -> BusConfig:
+def config(request: pytest.FixtureRequest) -> BusConfig:
     """A virtual bus that no other test uses."""
-    return BusConfig(interface="virtual", channel=f"test-{next(CHANNELS)}")
+    return BusConfig(interface="virtual", channel=request.node.name)
 
 
 @pytest.fixture

@@ -16,8 +16,7 @@ import numpy.typing as npt
 from can_bridge.bus.conversion import to_message
 from can_bridge.drives.log_periods import Scales
 from can_bridge.drives.log_to_series import LogSeries, series_of
-from can_bridge.e2e.profiles import profile_of
-from can_bridge.e2e.sender import SenderState, protected_frame
+from can_bridge.e2e.profiles import SenderState, profile_of, protected_frame
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.securing import Freshness, secure
 from can_bridge.wire.message_sets import CLASSIC, FD, SECURED, Message

@@ -10,8 +10,7 @@ from e2e.p05 import e2e_p05_check, e2e_p05_protect
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.e2e.profiles import PROFILE_2, PROFILE_5, Profile, profile_of
-from can_bridge.e2e.sender import E2eSender, SenderState, protected_frame
+from can_bridge.e2e.profiles import PROFILE_2, PROFILE_5, E2eSender, Profile, SenderState, profile_of, protected_frame
 from can_bridge.wire.message_specs import PRESSURE, SPECS
 from tests.can_bridge.wire.described import decoded
 from tests.refused import refused

@@ -13,9 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.e2e.profiles import PROFILE_5, profile_of
+from can_bridge.e2e.profiles import PROFILE_5, E2eSender, SenderState, profile_of
 from can_bridge.e2e.receiver import E2eReceiver, FrameCheck, StreamState
-from can_bridge.e2e.sender import E2eSender, SenderState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, PRESSURE_CLASSIC, PRESSURE_SECURED, MessageSpec
 from contract.config.vehicle import BusConfig, E2eConfig

@@ -149,16 +149,10 @@ class Connection:
             address=isotp.Address(isotp.AddressingMode.Normal_11bits, txid=TESTER, rxid=ECU),
             error_handler=self.errors.append,
             params={
-                "stmin": 0,
-                "blocksize": 0,
-                "can_fd": settings.is_fd,
-                "tx_data_length": settings.frame_length,
-                "tx_padding": 0xCC,
-                "wftmax": 10,
-                # can-isotp measures these by the wall clock.
-                "rx_flowcontrol_timeout": 600_000,
-                "rx_consecutive_frame_timeout": 600_000,
-                **parameters,
+                **{"can_fd": settings.is_fd, "tx_data_length": settings.frame_length, "tx_padding": 0xCC},
+                # can-isotp measures the timeouts by the wall clock.
+                **dict.fromkeys(("rx_flowcontrol_timeout", "rx_consecutive_frame_timeout"), 600_000),
+                **{"stmin": 0, "blocksize": 0, "wftmax": 10, **parameters},
             },
         )
 

@@ -8,12 +8,11 @@ from dataclasses import replace
 
 import pytest
 
-from can_bridge.e2e.profiles import PROFILE_5
-from can_bridge.e2e.sender import SenderState, protected_frame
+from can_bridge.e2e.profiles import PROFILE_5, SenderState, protected_frame
+from can_bridge.secoc import securing
 from can_bridge.secoc.freshness_store import FRESHNESS_SCHEMA, FreshnessStore
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.node import Authentication, key_of, secured
-from can_bridge.secoc.securing import LARGEST_HALF, Freshness, VerifierState, secure, verified, verify
+from can_bridge.secoc.securing import LARGEST_HALF, Authentication, Freshness, VerifierState, secure, verified, verify
 from can_bridge.wire.frame import FD_LENGTHS, Frame
 from can_bridge.wire.message_specs import JET_COMMAND, JET_COMMAND_SECURED, PRESSURE, SECURED_SPECS, MessageSpec
 from contract.config.vehicle import BusConfig
@@ -126,15 +125,15 @@ def test_frames_of_other_messages_silence_and_no_key_change_nothing():
 def test_settings_and_key_must_agree():
     """A node that is to authenticate never goes on without."""
     authentication = Authentication(key=KEY)
-    assert key_of(authentication, BusConfig(key="file")) is KEY
-    assert key_of(None, BusConfig()) is None
+    assert securing.key_of(authentication, BusConfig(key="file")) is KEY
+    assert securing.key_of(None, BusConfig()) is None
     with pytest.raises(ConfigError, match=r"bus\.key = 'file': the node was made without a key"):
-        key_of(None, BusConfig(key="file"))
+        securing.key_of(None, BusConfig(key="file"))
     for plain in (BusConfig(), BusConfig(frames="classic")):
         with pytest.raises(ConfigError, match="the node was made with a key"):
-            key_of(authentication, plain)
+            securing.key_of(authentication, plain)
     frame = Frame(frame_id=JET_COMMAND.frame_id, data=bytes(8))
-    assert secured(frame, spec=JET_COMMAND, key=None, freshness=authentication.freshness) is frame
+    assert securing.secured(frame, spec=JET_COMMAND, key=None, freshness=authentication.freshness) is frame
 
 
 def test_every_start_is_another_power_cycle_counted_before_it_is_used(tmp_path, monkeypatch):

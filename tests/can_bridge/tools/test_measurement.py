@@ -5,8 +5,9 @@ import os
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 import can
@@ -153,18 +154,13 @@ def test_a_live_log_has_the_frames_of_all_threads_in_the_order_of_time_also_afte
             keep(Frame(frame_id=frame_id, data=bytes([k]), is_fd=False), frame_id == 1)
 
     for fails in (False, True):
-        try:
-            with live_log(tmp_path / name) as keep:
-                threads = [Thread(target=put, args=(keep, frame_id)) for frame_id in (1, 2)]
-                for one in threads:
-                    one.start()
-                time.sleep(0.1)
-                for one in threads:
-                    one.join()
-                if fails:
-                    raise BusError("the bus is lost")
-        except BusError as error:
-            assert fails, error
+        lost = pytest.raises(BusError, match="the bus is lost") if fails else nullcontext()
+        with lost, live_log(tmp_path / name) as keep, ThreadPoolExecutor(2) as threads:
+            for frame_id in (1, 2):
+                threads.submit(put, keep, frame_id)
+            time.sleep(0.1)
+            if fails:
+                raise BusError("the bus is lost")
         assert [path.name for path in tmp_path.iterdir()] == [name]
         read = list(CanLog(tmp_path / name))
         for frame_id in (1, 2):

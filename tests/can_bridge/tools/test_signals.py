@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.tools.signals import PROTECTION, decode, encode
+from can_bridge.tools.signals import PROTECTION, Decoded, decode, encode
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import PRESSURE, SPECS
 from contract.errors import BusError
@@ -15,14 +15,19 @@ from tests.examples import examples
 from tests.refused import refused
 
 
+def read(frame_id: int, data: bytes, *, is_fd: bool = True) -> Decoded:
+    found = decode(Frame(frame_id=frame_id, data=data, is_fd=is_fd))
+    assert found is not None
+    return found
+
+
 @examples(100)
 @given(spec=st.sampled_from(SPECS), data=st.data())
 def test_any_bytes_mean_what_cantools_says(spec, data):
     content = data.draw(st.binary(min_size=spec.length, max_size=spec.length))
     message: Any = DBC.get_message_by_frame_id(spec.frame_id)
     raw = message.decode(content, decode_choices=False)
-    got = decode(Frame(frame_id=spec.frame_id, data=content, is_fd=spec.is_fd))
-    assert got is not None
+    got = read(spec.frame_id, content, is_fd=spec.is_fd)
     assert (got.spec.name, got.spec) == (message.name, spec)
     tables = {one.name: one.choices for one in message.signals if one.name in ("Mode", "State", "Reason")}
     if any(raw[name] not in table for name, table in tables.items()):
@@ -50,15 +55,12 @@ def test_others_are_unknown_a_wrong_length_is_unreadable_and_no_digits_are_shown
     for frame in (Frame(frame_id=0x7FF, data=bytes(8)), Frame(frame_id=0x120, data=bytes(16), is_extended=True)):
         assert decode(frame) is None, frame
     for length in [0, 8, 12, 20]:
-        assert decode(Frame(frame_id=0x120, data=bytes(length))) == (PRESSURE, ()), length
-    got = decode(Frame(frame_id=0x130, data=bytes([0, 0, 0, 2, 3, 0, 0, 0])))
-    assert got is not None
-    shown = {one.name: one.shown for one in got.signals}
+        assert read(0x120, bytes(length)) == (PRESSURE, ()), length
+    shown = {one.name: one.shown for one in read(0x130, bytes([0, 0, 0, 2, 3, 0, 0, 0])).signals}
     # 3 * 0.0002 in doubles is 0.0006000000000000001.
     assert (shown["Flow"], shown["Mode"]) == ("0.0006", "CONTROL")
-    got = decode(Frame(frame_id=0x121, data=bytes([0, 0, 0, 8, 0, 0, 0, 0]), is_fd=False))
-    assert got is not None
-    assert [one.shown for one in got.signals if one.unit == "Pa"] == ["INVALID", "0", "0", "0"]
+    signals = read(0x121, bytes([0, 0, 0, 8, 0, 0, 0, 0]), is_fd=False).signals
+    assert [one.shown for one in signals if one.unit == "Pa"] == ["INVALID", "0", "0", "0"]
 
 
 def test_what_is_typed_and_zeros_else_are_what_our_codec_reads():
@@ -68,9 +70,8 @@ def test_what_is_typed_and_zeros_else_are_what_our_codec_reads():
         given = typed if spec.name.startswith("Pressure") and not spec.name.endswith("Classic") else {}
         found, content = encode(spec.name, [f"{one}={value}" for one, value in given.items()])
         assert (found, len(content)) == (spec, spec.protected)
-        read = decode(Frame(frame_id=spec.frame_id, data=content.ljust(spec.length, b"\0"), is_fd=spec.is_fd))
-        assert read is not None
-        values = {one.name: one.value for one in read.signals if one.name not in PROTECTION}
+        signals = read(spec.frame_id, content.ljust(spec.length, b"\0"), is_fd=spec.is_fd).signals
+        values = {one.name: one.value for one in signals if one.name not in PROTECTION}
         assert values == pytest.approx(dict.fromkeys(values, 0) | given), spec.name
 
 

@@ -1,6 +1,7 @@
 """The DBC as cantools reads it, strictly and without a warning, and messages that differ from a usual one in fields."""
 
 import warnings
+from collections.abc import Callable
 from importlib.resources import files
 from typing import Any
 
@@ -20,21 +21,7 @@ def decoded(name: str, data: bytes) -> dict[str, Any]:
     return signals
 
 
-def pressure(**changes: Any) -> Pressure:
-    fields: dict[str, Any] = {"pressure_pa": (0.0,) * 4, "valid": (True,) * 4, "enable_request": False, "age_ns": 0}
-    return Pressure(**{**fields, **changes})
-
-
-def speed(**changes: Any) -> VehicleSpeed:
-    return VehicleSpeed(**{"speed_m_per_s": 0.0, "age_ns": 0, **changes})
-
-
-def jet(**changes: Any) -> JetCommand:
-    fields: dict[str, Any] = {"flow_m2_per_s": 0.0, "mode": Mode.OFF, "enable": False, "pressure_counter": None}
-    return JetCommand(**{**fields, **changes})
-
-
-def status(**changes: Any) -> EcuStatus:
-    fields: dict[str, Any] = {"state": Mode.OFF, "reason": Reason.NONE}
-    counts = dict.fromkeys(("overruns", "missed", "crc_errors", "bus_off", "bundle_hash"), 0)
-    return EcuStatus(**{**fields, **counts, **changes})
+pressure: Callable[..., Pressure] = Pressure((0.0,) * 4, (True,) * 4, enable_request=False, age_ns=0)._replace
+speed: Callable[..., VehicleSpeed] = VehicleSpeed(0.0, 0)._replace
+jet: Callable[..., JetCommand] = JetCommand(0.0, Mode.OFF, enable=False, pressure_counter=None)._replace
+status: Callable[..., EcuStatus] = EcuStatus(Mode.OFF, Reason.NONE, *(0,) * 5)._replace

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from can_bridge.bus.backends.python_can import PythonCanBus
-from can_bridge.secoc.node import Authentication
+from can_bridge.secoc.securing import Authentication
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import EcuStatus, JetCommand
 from contract import sensors

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.e2e.sender import E2eSender
+from can_bridge.e2e.profiles import E2eSender
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import FD
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE

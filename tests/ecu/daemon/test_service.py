@@ -16,7 +16,7 @@ import pytest
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.secoc.key import KEY_LENGTH, read_key, write_key
-from can_bridge.secoc.node import Authentication
+from can_bridge.secoc.securing import Authentication
 from can_bridge.wire.message_sets import FD
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig

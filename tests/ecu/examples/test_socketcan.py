@@ -16,7 +16,7 @@ from typing import Any, cast
 import pytest
 
 from can_bridge.secoc.key import Key, write_key
-from can_bridge.secoc.node import Authentication
+from can_bridge.secoc.securing import Authentication
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import MessageSet
 from can_bridge.wire.messages import Mode

@@ -9,7 +9,7 @@ import pytest
 from can_bridge.bus.interface import BusHealth, BusState
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.secoc.key import read_key, write_key
-from can_bridge.secoc.node import Authentication
+from can_bridge.secoc.securing import Authentication
 from can_bridge.uds.services import S3_MS
 from can_bridge.wire.message_specs import FRESHNESS_LENGTH, JET_COMMAND_SECURED
 from can_bridge.wire.messages import Mode, Reason

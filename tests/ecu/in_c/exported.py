@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from can_bridge.secoc.node import Authentication
+from can_bridge.secoc.securing import Authentication
 from can_bridge.wire.frame import Frame
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig

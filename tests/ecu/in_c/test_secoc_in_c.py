@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.node import Authentication
-from can_bridge.secoc.securing import LARGEST_HALF, Freshness, verify
+from can_bridge.secoc.securing import LARGEST_HALF, Authentication, Freshness, verify
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import SECURED
 from can_bridge.wire.messages import Mode, Reason

@@ -10,8 +10,7 @@ import pytest
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.node import Authentication
-from can_bridge.secoc.securing import verify
+from can_bridge.secoc.securing import Authentication, verify
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE

@@ -8,11 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.e2e.profiles import PROFILE_5, profile_of
-from can_bridge.e2e.sender import E2eSender, SenderState, protected_frame
+from can_bridge.e2e.profiles import PROFILE_5, E2eSender, SenderState, profile_of, protected_frame
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.node import Authentication, secured
-from can_bridge.secoc.securing import Freshness
+from can_bridge.secoc.securing import Authentication, Freshness, secured
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set

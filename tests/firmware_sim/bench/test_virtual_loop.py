@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from can_bridge.bus.interface import BusHealth
-from can_bridge.e2e.sender import SenderState
+from can_bridge.e2e.profiles import SenderState
 from can_bridge.secoc.securing import VerifierState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, VEHICLE_SPEED

@@ -17,7 +17,7 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
-from can_bridge.e2e.sender import E2eSender
+from can_bridge.e2e.profiles import E2eSender
 from can_bridge.wire.message_sets import MessageSet, message_set
 from can_bridge.wire.messages import Mode, Pressure, Reason, VehicleSpeed
 from contract.release.manifest import SpeedRange

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from can_bridge.secoc.node import authentication_in_virtual_time
+from can_bridge.secoc.securing import authentication_in_virtual_time
 from contract.arrays import Array
 from contract.config.body import TRUCK_BODY
 from contract.config.tree import Config

@@ -10,8 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.common.command_line import track
-from can_bridge.e2e.profiles import profile_of
-from can_bridge.e2e.sender import SenderState, protected_frame
+from can_bridge.e2e.profiles import SenderState, profile_of, protected_frame
 from can_bridge.secoc.key import KEY_LENGTH, Key
 from can_bridge.secoc.securing import Freshness, VerifierState, secure, verified
 from can_bridge.wire.frame import FD_LENGTHS, Frame

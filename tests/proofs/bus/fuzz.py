@@ -23,11 +23,10 @@ from can_bridge.bus.backends.slcan import LINE_LIMIT, SlcanBus
 from can_bridge.bus.backends.udp_multicast import UdpMulticastBus
 from can_bridge.bus.conversion import to_message
 from can_bridge.bus.interface import Rejection
+from can_bridge.e2e.profiles import E2eSender
 from can_bridge.e2e.receiver import E2eReceiver
-from can_bridge.e2e.sender import E2eSender
 from can_bridge.secoc.key import KEY_LENGTH, Key
-from can_bridge.secoc.node import secured
-from can_bridge.secoc.securing import Freshness, VerifierState, verified
+from can_bridge.secoc.securing import Freshness, VerifierState, secured, verified
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import CLASSIC, FD, SECURED
 from can_bridge.wire.message_specs import MessageSpec

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.command_gate import GatedCommand, Intervention
-from can_bridge.e2e.sender import SenderState
+from can_bridge.e2e.profiles import SenderState
 from can_bridge.wire.messages import Reason
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig, VehicleConfig

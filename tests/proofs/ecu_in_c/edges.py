@@ -10,9 +10,8 @@ from typing import Any, Final
 import numpy as np
 
 from can_bridge.command_gate import GateLimits
-from can_bridge.e2e.profiles import profile_of
+from can_bridge.e2e.profiles import SenderState, profile_of
 from can_bridge.e2e.receiver import FrameCheck, ReceiverState, StreamState
-from can_bridge.e2e.sender import SenderState
 from can_bridge.secoc.securing import Freshness, VerifierState
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S

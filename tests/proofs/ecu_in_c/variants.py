@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Final
 
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.node import Authentication
+from can_bridge.secoc.securing import Authentication
 from can_bridge.wire.message_sets import SECURED
 from contract.config.tree import Config
 from contract.config.vehicle import BenefitCheckConfig, BusConfig, E2eConfig, EcuConfig, SensorCheckConfig, SpeedConfig

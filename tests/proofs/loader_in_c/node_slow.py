@@ -5,7 +5,7 @@ from collections import Counter
 from functools import partial
 from typing import Final
 
-from can_bridge.e2e.sender import E2eSender
+from can_bridge.e2e.profiles import E2eSender
 from can_bridge.flashing.state import Level
 from can_bridge.isotp import control_info
 from can_bridge.isotp.endpoint import Endpoint

@@ -14,13 +14,12 @@ from unittest.mock import patch
 
 import numpy as np
 
-from can_bridge.e2e.sender import E2eSender
+from can_bridge.e2e.profiles import E2eSender
 from can_bridge.flashing.checking import Rules, fits_as
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.isotp import control_info
-from can_bridge.secoc.node import Authentication
-from can_bridge.secoc.securing import Freshness, secure
+from can_bridge.secoc.securing import Authentication, Freshness, secure
 from can_bridge.uds.services import Nrc, Refused
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set

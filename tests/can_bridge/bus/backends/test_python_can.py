@@ -3,6 +3,7 @@
 import struct
 import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import can
@@ -269,3 +270,28 @@ def test_can_conf_chooses_the_bus_and_our_backend_and_is_refused_without_a_bus(t
         with refused(BusError, r"CAN bus python-can 'stillwake': .") as caught:
             PythonCanBus.open(BusConfig(interface="python-can"))
         assert str(caught.value).isprintable(), text
+
+
+CHANNEL = "vcan0"
+"""A virtual CAN network, if there is one: docs/how-to/use-a-real-bus.md."""
+
+
+@pytest.mark.skipif(
+    not Path("/sys/class/net", CHANNEL).exists(),
+    reason=f"there is no {CHANNEL}: sudo ip link add dev {CHANNEL} type vcan; sudo ip link set up mtu 72 {CHANNEL}",
+)
+def test_over_socketcan_frames_of_both_formats_pass_and_others_are_refused_by_reason():
+    config = BusConfig(interface="socketcan", channel=CHANNEL)
+    with PythonCanBus.open(config) as one, PythonCanBus.open(config) as other:
+        frames = [Frame(frame_id=0x5A5, data=bytes(12)), Frame(frame_id=0x5A6, data=bytes(8), is_fd=False)]
+        for frame in frames:
+            one.send(frame)
+        one._bus.send(can.Message(arbitration_id=0x5A7, is_extended_id=True))
+        one._bus.send(can.Message(arbitration_id=0x5A7, is_extended_id=False, is_remote_frame=True))
+        one._bus.send(can.Message(arbitration_id=0x130, is_extended_id=False, data=bytes(8)))
+        got = [frame for frame in (other.receive(10.0), other.receive(10.0)) if frame is not None]
+        assert [replace(frame, timestamp_ns=0) for frame in got] == frames
+        assert other.receive(0.2) is None
+        assert rejections(other) == {Rejection.EXTENDED: 1, Rejection.REMOTE: 1, Rejection.WRONG_FORMAT: 1}
+        assert one.receive_all() == []
+        assert (other.health(), other.overflows) == (HEALTHY, 0)

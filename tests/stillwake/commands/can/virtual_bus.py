@@ -5,7 +5,7 @@ from pathlib import Path
 import can
 
 from can_bridge.bus.conversion import to_message
-from can_bridge.e2e.sender import E2eSender
+from can_bridge.e2e.profiles import E2eSender
 from can_bridge.tools.signals import encode
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 from tests.can_bridge.logs import log_texts
