@@ -1,5 +1,4 @@
-"""The disturbances of a run, each described by a line of text. The part after an @ is the time span, in s from the
-run's start.
+"""The disturbances of a run, each described by a line of text. After an @ is the time span, in s from the run's start.
 
     noise:level=0.5                        on every transducer
     stuck:sensor=base_7@2..5               on one transducer, from 2 s to just before 5 s
@@ -11,8 +10,7 @@ run's start.
     gust:amplitude=0.1,period=20
 
 The classes here only describe disturbances; `disturbing.py` applies them. A disturbance can name only sensors of the
-bundle, because the ECU reads no other sensors. Levels are in global deviations of pressure
-(`firmware_sim.bench.sensor_faults`).
+bundle, because the ECU reads no others. Levels are in global deviations of pressure (`sensor_faults.py`).
 """
 
 from collections.abc import Iterable
@@ -89,9 +87,9 @@ class Reynolds(Span, section="reynolds"):
 
 @dataclass(frozen=True, kw_only=True)
 class OtherBody(Span, section="body"):
-    """A body in the built-in solver that replaces the release's body for a whole run. The fields, in body widths W,
-    replace the settings of the same names in `body`. The sensors keep their names, but lie on this body. The ECU is
-    not informed."""
+    """A body in the built-in solver that replaces the release's body for a whole run; the ECU is not informed. The
+    fields, in W, replace the settings of the same names in `body`. The sensors keep their names, but lie on this body.
+    """
 
     length: Finite[float]
     leading_edge_radius: NonNegative[float] = 0.0

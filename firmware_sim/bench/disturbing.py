@@ -117,16 +117,13 @@ class Disturbing:
                 self._in_ports[place] = item
         self._speeds: list[float] = []  # vehicle's speed in every period so far, m/s
         self._frozen: dict[int, float] = {}
-        self._ports: NodeFaults  # set by `connect`
+        self.ports: NodeFaults  # set by `connect`
         self._flow: tuple[Disturbable, float] | None = None  # plant and its own Reynolds number
         self.corrupts, self.mishears = self._wire("send"), self._wire("receive")
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
-        self._ports = NodeFaults(list(self._in_ports.values()), bus, self._seed, self._before)
-        return self._ports.around
-
-    def end(self) -> None:
-        self._ports.end()
+        self.ports = NodeFaults(list(self._in_ports.values()), bus, self._seed, self._before)
+        return self.ports.around
 
     def _wire(self, at: str) -> Corrupts | None:
         hooks = {}
@@ -245,7 +242,7 @@ class Disturbing:
 
     def injected(self) -> tuple[InjectedFault, ...]:
         """Return each disturbance with the number of times it has acted so far, in the order given."""
-        acted = self._acted | Counter(dict(zip(self._in_ports, self._ports.acted(), strict=True)))
+        acted = self._acted | Counter(dict(zip(self._in_ports, self.ports.acted(), strict=True)))
         return tuple(InjectedFault(text=text, acted=acted[place]) for place, text in enumerate(self._texts))
 
     def _each(self, kind: type[S]) -> Iterator[tuple[int, S]]:

@@ -5,8 +5,7 @@ or of n instants, shape (n, S). It returns the faulty readings and leaves its ar
 the instants, so one call for n instants and n calls for one instant give the same readings.
 
 Levels are in global deviations. The global deviation is the standard deviation of all 90 pressures taken together, each
-about its own mean (paper, appendix B). So a level is the same difference of Cp at every sensor. The paper tests no
-biased, drifting or dead sensors.
+about its own mean (paper, appendix B). So a level is the same difference of Cp at every sensor.
 """
 
 from abc import ABC, abstractmethod

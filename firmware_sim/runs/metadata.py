@@ -71,8 +71,7 @@ class RunMetadata:
     """The description of a run, which is stored with its series. `controller` has name, precision and short digest of
     the bundle, `computed_by` the runtime that computes the control step, `signer` the fingerprint of the key that
     signed the bundle, if any. The sensors are in the order of the Pressure message. `mpc` is from the bundle; `weights`
-    are those that the ECU used. `budget_ms` is the longest allowed time from a pressure frame to the ECU's command.
-    `drive` is None for a run at a constant speed."""
+    are those that the ECU used. `budget_ms` is the longest allowed time from a pressure frame to the ECU's command."""
 
     controller: str
     digest: str

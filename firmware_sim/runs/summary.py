@@ -35,7 +35,8 @@ _DRAG_ROWS: Final = (
 """Label, field of `Regime`, and number format of each row. In a label, {probe} is the position of the wake probe."""
 _ECUS: Final = {"python": "in Python", "c": "in C, on this machine", "mcu": "in C, on an emulated Cortex-M7"}
 ENOUGH_CYCLES: Final = 2
-"""Smallest number of cycles that an average needs, because drag varies by several per cent between cycles."""
+"""Smallest number of cycles that an average needs, because drag varies by several per cent between cycles. A span of
+two cycles contains a whole cycle in any phase."""
 _STILL: Final = 0.01
 """Rms action, as a share of the limit, below which the jets count as still. A working controller reaches about 0.5."""
 

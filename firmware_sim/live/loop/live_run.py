@@ -38,11 +38,10 @@ _AVERAGES_EVERY: Final = 5
 
 @dataclass(kw_only=True)
 class ControlRequest:
-    """The request for control in one run of the loop. It begins after `lead_in` periods, unless a viewer who sets the
-    request has ended the lead-in early (`waits`). The ECU needs `rearm_frames` consecutive good frames before a request
-    clears a latched fault. With `rearming`, the request stays low until the ECU will accept a high request. Before the
-    period `helped_until`, a new request clears latched faults automatically. `first` is the period of the first request
-    for control; None before this request."""
+    """The request for control in one run of the loop. It begins after `lead_in` periods (while `waits`), unless a
+    viewer sets it earlier. The ECU needs `rearm_frames` consecutive good frames before a request clears a latched
+    fault. With `rearming`, the request stays low until the ECU will accept a high request. Before the period
+    `helped_until`, a new request clears latched faults automatically. `first` is the period of the first request."""
 
     lead_in: int
     rearm_frames: int

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from itertools import count
+from itertools import count, islice
 from typing import Any, Final
 
 from contract.errors import StillwakeError
@@ -30,29 +30,40 @@ STARTING: Final = "the loop starts; the first time, the flow solver is compiled,
 
 
 class Hub:
+    """The newest items of each stream. A stream's items are counted from its start, also those no longer stored."""
+
     def __init__(self) -> None:
-        self._streams = {stream: Ring(_KEPT.get(stream, 1)) for stream in STREAMS}
+        self._streams = {stream: deque[Any](maxlen=_KEPT.get(stream, 1)) for stream in STREAMS}
+        self._counts = dict.fromkeys(STREAMS, 0)
         self._run = 0
 
     def put(self, messages: Iterable[LiveMessage | bytes]) -> None:
         for message in messages:
             if isinstance(message, bytes):
-                self._streams[PICTURE].extend([message])
+                self._add(PICTURE, [message])
             elif message["type"] == "periods":
                 columns = (message["columns"][name] for name in PERIOD_COLUMNS)
-                self._streams["periods"].extend(zip(*columns, strict=True))
+                self._add("periods", list(zip(*columns, strict=True)))
             elif message["type"] == "events":
-                self._streams["events"].extend(message["items"])
+                self._add("events", message["items"])
             else:
                 if message["type"] == "hello":
                     self._run = message["run"]
                     for stream in ("events", "periods", "now", "bus", PICTURE):
                         self._streams[stream].clear()
-                self._streams[message["type"]].extend([message])
+                self._add(message["type"], [message])
+
+    def _add(self, stream: str, items: Sequence[Any]) -> None:
+        self._streams[stream].extend(items)
+        self._counts[stream] += len(items)
 
     def after(self, stream: str, count: int) -> tuple[LiveMessage | bytes | None, int]:
         """Return what a stream received after its first `count` items (or None), and the count for the next call."""
-        items, count = self._streams[stream].after(count, MOST_ROWS)
+        kept, last = self._streams[stream], self._counts[stream]
+        first = last - len(kept)
+        begin = max(count, first)
+        items = list(islice(kept, begin - first, begin - first + MOST_ROWS))
+        count = begin + len(items)
         if not items:
             return None, count
         if stream == "periods":
@@ -77,30 +88,6 @@ class Viewer:
             # A page discards its data at a `hello`, so the stored data of the streams after `hello` are sent again.
             self._counts |= dict.fromkeys(STREAMS[STREAMS.index("hello") + 1 :], 0)
         return message
-
-
-class Ring:
-    """A ring buffer of the newest items, which are numbered from 1 in the order of their arrival."""
-
-    def __init__(self, kept: int) -> None:
-        self._items = deque[Any](maxlen=kept)
-        self._count = 0
-
-    def extend(self, items: Iterable[Any]) -> None:
-        for item in items:
-            self._items.append(item)
-            self._count += 1
-
-    def clear(self) -> None:
-        """Delete all items; the numbering continues."""
-        self._items.clear()
-
-    def after(self, count: int, most: int) -> tuple[list[Any], int]:
-        """Return at most `most` items with numbers above `count`, oldest first, and the number of the last item."""
-        first = self._count - len(self._items)
-        begin = max(count, first)
-        end = min(begin + most, self._count)
-        return [self._items[i - first] for i in range(begin, end)], max(end, count)
 
 
 class Supervisor:

@@ -8,8 +8,7 @@ finds an error that cannot be corrected. Such a read is a bus fault, unless the 
 
 During an operation SR2 shows BSY and QW. The time advances with each read of SR2, so that a core that polls SR2 makes
 progress. A core that reads this bank during an operation stalls until the operation has ended. The core can read the
-other bank meanwhile, but each bank executes only one operation at a time. The start of an operation before the end of
-the previous one is an error.
+other bank meanwhile. The start of an operation before the end of the previous one in this bank is an error.
 
 Modelled: KEYR2 (both keys), CR2 (LOCK, PG, SER, SNB, START), SR2 (BSY, WBNE, QW, WRPERR, PGSERR, STRBERR, INCERR,
 DBECCERR), CCR2, ECC_FA2R. Not modelled: erasing a bank.
@@ -52,8 +51,7 @@ STM32H743: Final = FlashTimes()
 
 
 class FlashBank:
-    """The contents of a flash bank, and the states of its words (0 erased, 1 programmed, 2 unreadable), which survive a
-    loss of supply."""
+    """The contents of a flash bank, and the states of its words: 0 erased, 1 programmed, 2 unreadable."""
 
     def __init__(self) -> None:
         self.content = bytearray(b"\xff" * SECTOR * SECTORS)

@@ -1,5 +1,4 @@
-"""The counter, the timer of time stamps, the random number generator and the core's own registers, as far as the
-firmware uses them."""
+"""The board's counter, timer of time stamps, random number generator and core registers, as the firmware uses them."""
 
 import random
 from collections.abc import Callable

@@ -124,9 +124,9 @@ def _bus_rows(folder: RunFolder, log: RunLog) -> list[tuple[str, ...]]:
 
 
 def write_picture(folder: RunFolder, target: Path) -> None:
-    """Write one picture of the run: the wake before and under control, and drag and action over time. Its metadata have
-    the bundle's digest. Raises ConfigError if the target's suffix is not a picture format; StillwakeError if the folder
-    contains no run, or the target cannot be written."""
+    """Write one picture of the run: the wake before and under control, and drag and action over time. Raises
+    ConfigError for a suffix that is no picture format; StillwakeError without a run, or if `target` cannot be written.
+    """
     check_suffix(target)
     run = read_run(folder)
     kind = target.suffix[1:].lower()
@@ -169,8 +169,7 @@ class Cell(NamedTuple):
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
-    """Return unique names of the runs, with parent folders if needed. Raises StillwakeError for a wrong number of runs,
-    or a run that is given twice."""
+    """Return unique names of the runs. Raises StillwakeError for a wrong number of runs, or a run given twice."""
     places = [Path(os.path.realpath(folder)) for folder in folders]
     if not 2 <= len(places) <= _MOST:
         raise StillwakeError(f"{len(places)} runs cannot be compared on a page; give between 2 and {_MOST} runs")
