@@ -45,8 +45,7 @@ WARM_UP_PLANS: Final = 3
 """Number of control steps with zero inputs before the run, because ONNX Runtime's first steps allocate memory."""
 SHEDDING_TIME: Final = 5.0
 """Length in t_c of a shedding cycle of the truck's wake, from its Strouhal number of 0.2."""
-_LONGEST: Final = 1e6
-"""Longest span in t_c, about a day of the run's time."""
+_LONGEST: Final = 1e6  # longest span in t_c, about a day of the run's time
 
 
 class Disturbs(Protocol):
@@ -249,8 +248,7 @@ class Simulation:
         on the bus, stamped with the end of its transmission; `ready` with the total number of periods before the first
         period; `requesting` before the first period with a request for control; `progress` with (row, periods done,
         total periods) after every period; `progress_without` with the last two after those of the drive without
-        control. Raises StillwakeError if the bundle is for another body, or the flow cannot be disturbed or diverges.
-        """
+        control. Raises StillwakeError for a bundle for another body, or a flow that cannot be disturbed or diverges."""
         config, bundle = self._config, self._bundle
         other = self._disturbances.other_body
         if other is None:

@@ -46,8 +46,7 @@ _CURVES: Final = {
     ),
     "overview": ("Overview", _BARS),
 }
-_USED: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
-"""Sections of the settings that the runs use."""
+_USED: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")  # sections of the settings that the runs use
 Points = Sequence[tuple[float, ScenarioRow]]
 """A curve through scenarios that differ in one number; each point is (this number, row of the scenario)."""
 

@@ -18,10 +18,8 @@ from contract.release.checks import Bundle
 from contract.typed import typed
 from ecu.calibrating import with_calibration
 
-_PACKAGES: Final = ("stillwake", "onnxruntime", "numpy", "numba", "python-can")
-"""Packages whose versions a run records, because they affect its results."""
-_UNUSED: Final = ("forcing", "model", "train", "mpc")
-"""Sections of the configuration that a run does not use. The settings of `mpc` come from the bundle instead."""
+_PACKAGES: Final = ("stillwake", "onnxruntime", "numpy", "numba", "python-can")  # their versions affect results
+_UNUSED: Final = ("forcing", "model", "train", "mpc")  # sections that a run does not use; `mpc` comes from the bundle
 
 
 @dataclass(frozen=True, kw_only=True)

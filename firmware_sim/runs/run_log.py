@@ -39,8 +39,7 @@ class Row:
     this machine; NaN if it skipped the step. The predictions are the controller's forecast for the next sample; NaN
     without a plan. `mode` and `reason` are the ECU's `Mode` and `Reason` (`can_bridge.wire.messages`) after its latest
     step. `age_ms` is the virtual time from the sampling of pressures to the arrival of the command computed from them;
-    NaN if no command arrived in this period. Bit i of `set_aside` is 1 if the ECU has excluded the bundle's sensor i.
-    """
+    NaN if no command arrived in this period. Bit i of `set_aside` is 1 if the ECU has excluded the sensor i."""
 
     sample: Sample
     command: float

@@ -14,10 +14,8 @@ from contract.ledger import ledger_of
 from firmware_sim.runs.run_log import WITHOUT, RunLog
 from wake.truck.averages import CycleAverage, over_cycles, over_last_cycles
 
-_ROUNDING: Final = 1e-9
-"""Largest difference in t_c between a sum of two spans and a sample's time that is treated as a rounding error."""
-_SLOW: Final = 0.1
-"""Share of the design speed below which |Cl| in units of the present dynamic pressure is left out of the mean."""
+_ROUNDING: Final = 1e-9  # largest rounding error in t_c of the difference between a sum of spans and a sample's time
+_SLOW: Final = 0.1  # share of the design speed below which |Cl| at the present speed is left out of the mean
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,8 +28,7 @@ from wake.plant.protocol import LivePlant, LoopPlant
 from wake.plant.sample import Sample
 from wake.truck.averages import over_cycles, over_last_cycles
 
-_NEEDS_A_RISE = (OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.FAULT)
-"""Modes that the ECU leaves only when the request for control changes from low to high."""
+_NEEDS_A_RISE = (OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.FAULT)  # left only when the request rises
 BOOT_S: Final = 0.2
 """Virtual time in s from power-on to the ECU's first step; it equals the default of the disturbance `reset`."""
 _FOR_GOOD_NS: Final = 10**18

@@ -23,8 +23,7 @@ from firmware_sim.live.loop.messages import LiveAnswer, LiveMessage, Request
 if TYPE_CHECKING:
     from firmware_sim.live.session import LiveSession
 
-_IDLE_S: Final = 0.02
-"""Time in s between two steps of a session that computes no periods at present, for example a paused session."""
+_IDLE_S: Final = 0.02  # time in s between two steps of a session that computes no periods, such as a paused session
 MakeSession = Callable[[Callable[[str], None]], "LiveSession"]
 """Function that creates the session in the loop's process, given a function that shows a line of text to viewers."""
 LONGEST_END_S: Final = 3.0

@@ -20,8 +20,7 @@ STREAMS: Final = ("loop", "hello", "settings", "events", "periods", "now", "bus"
 """The order in which a viewer gets the streams; `hello` states the run to which the later streams belong."""
 MOST_ROWS: Final = 500
 """Largest number of periods, or of events, in one message. A longer message would keep a new viewer waiting."""
-_KEPT: Final = {"events": 500, "periods": KEPT_PERIODS}
-"""Largest number of stored items of these two streams. Of every other stream only the newest message is stored."""
+_KEPT: Final = {"events": 500, "periods": KEPT_PERIODS}  # items; of another stream only the newest one
 SHORT_LIFE_S: Final = 20.0
 """Shortest time in s for which a loop must have run to be started again after a failure."""
 MOST_WAITING: Final = 32

@@ -29,8 +29,7 @@ _BITS, _EXTERNAL = 1, 2
 _RXF0S, _RXF0A, _TXFQS, _TXBRP, _TXBAR, _TXBCR, _TXBTO = 0xA4, 0xA8, 0xC4, 0xCC, 0xD0, 0xD4, 0xD8
 _DBTP, _NBTP, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, _TXBC = 0x0C, 0x1C, 0x80, 0x84, 0x88, 0x90, 0xA0, 0xC0
 _PLAIN: Final = {_DBTP, _NBTP, _TSCC, 0x48, 0x54, 0x5C, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, 0xBC, _TXBC, 0xC8}
-_PROTECTED: Final = _PLAIN - {0x54, 0x5C}
-"""Registers that only store values (`_PLAIN`), and those writable only while INIT and CCE are set (`_PROTECTED`)."""
+_PROTECTED: Final = _PLAIN - {0x54, 0x5C}  # writable only while INIT and CCE are set; `_PLAIN` only store values
 _INIT, _CCE, _BRSE = 1, 2, 0x200
 _RF0N, _RF0L, _BO = 1, 8, 1 << 25
 _XTD, _FDF, _BRS = 1 << 30, 1 << 21, 1 << 20

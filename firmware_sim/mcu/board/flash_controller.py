@@ -28,8 +28,7 @@ WORD: Final = 32
 _KEYS: Final = (0x4567_0123, 0xCDEF_89AB)
 _LOCK, _PG, _SER, _START = 1, 2, 4, 1 << 7
 _BSY, _WBNE, _QW = 1, 2, 4
-_LOOK_NS: Final = 5_000
-"""Time in ns by which a read of SR2 advances the clock during an operation; it is long, so few reads are needed."""
+_LOOK_NS: Final = 5_000  # time in ns by which a read of SR2 advances the clock; it is long, so few reads are needed
 _PGSERR, _STRBERR, _INCERR, _DBECCERR = (1 << bit for bit in (18, 19, 21, 26))
 _ERRORS: Final = 0x0FFF_0000
 

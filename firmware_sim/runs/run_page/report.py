@@ -24,14 +24,11 @@ from firmware_sim.runs.summary import drag_rows, headline, service_rows, summary
 from firmware_sim.runs.wake_stills import WakeStills
 from wake.pictures.drawing import BLOWING, SUCKING, check_suffix
 
-_MOST_FRAMES: Final = 50_000
-"""Largest number of frames in a log whose messages a page shows. Reading such a log takes ten seconds."""
+_MOST_FRAMES: Final = 50_000  # longest log whose messages a page shows; reading such a log takes ten seconds
 _BUS_HEADS: Final = ("identifier", "message", "frames", "per s", "lost", "end-to-end checks")
-_MOST: Final = 6
-"""Largest number of runs on a page; with more runs the curves could not be distinguished."""
+_MOST: Final = 6  # largest number of runs on a page; with more runs the curves could not be distinguished
 NONE: Final = "\N{EN DASH}"
-_SAME: Final = "="
-"""Text in place of a difference that is zero when written in the figure's number format."""
+_SAME: Final = "="  # text in place of a difference that is zero when written in the figure's number format
 _FIGURES: Final = (
     ("mean Cd (wall), uncontrolled", "Cd_uncontrolled", ".4f"),
     ("mean Cd (wall), controlled", "Cd_controlled", ".4f"),
@@ -125,8 +122,7 @@ def _bus_rows(folder: RunFolder, log: RunLog) -> list[tuple[str, ...]]:
 
 def write_picture(folder: RunFolder, target: Path) -> None:
     """Write one picture of the run: the wake before and under control, and drag and action over time. Raises
-    ConfigError for a suffix that is no picture format; StillwakeError without a run, or if `target` cannot be written.
-    """
+    ConfigError for a suffix that is no picture format; StillwakeError without a run, or if writing fails."""
     check_suffix(target)
     run = read_run(folder)
     kind = target.suffix[1:].lower()
