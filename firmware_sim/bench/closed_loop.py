@@ -49,8 +49,6 @@ def run_closed_loop(
         # The output folder appears only if the block succeeds, so it never contains an incomplete run.
         folder = RunFolder(stack.enter_context(replacing(output, keep=True)))
         folder.path.mkdir()
-        frames = stack.enter_context(ExitStack())
-        capture = frames.enter_context(recording(folder.frames))
         wake = stack.enter_context(plant)
         picture = LevelPicture(wake)
         recorder = WakeRecorder(Scene.of(picture, wake.layout), simulation.periods[1])
@@ -65,21 +63,21 @@ def run_closed_loop(
                 recorder.record(done, wake.t, picture.levels)
             progress(row, done, total)
 
-        log = simulation.run(
-            wake,
-            capture=capture,
-            origin=origin,
-            ready=begin,
-            requesting=lambda: _draw(wake, bundle, "without control", folder.uncontrolled_picture),
-            progress=record,
-            progress_without=progress_without,
-        )
+        with recording(folder.frames) as capture:
+            log = simulation.run(
+                wake,
+                capture=capture,
+                origin=origin,
+                ready=begin,
+                requesting=lambda: _draw(wake, bundle, "without control", folder.uncontrolled_picture),
+                progress=record,
+                progress_without=progress_without,
+            )
         ended = "under control" if mode_names(log)[-1] == Mode.CONTROL.name else "at the end"
         _draw(wake, bundle, ended, folder.controlled_picture)
         wake_stills.save(folder.wake, recorder.recorded())
         run_log.save(folder.series, log)
         folder.summary.write_text(json.dumps(whole_summary(log), indent=2) + "\n", encoding="utf-8")
-        frames.close()
         report(folder)
     return log
 

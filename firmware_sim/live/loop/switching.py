@@ -125,7 +125,7 @@ class SwitchedDisturbances:
         linger = round(LINGER_S * NS / self._config.period_ns)
         for item in [one for one in self._lingering if one.end + linger <= k + 1]:
             self._lingering.remove(item)
-            item.work.ports.end()
+            item.work.end()
             for port, plug in item.plugs:
                 port.take_out(plug)
 

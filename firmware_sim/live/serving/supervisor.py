@@ -5,9 +5,8 @@ import asyncio
 import signal
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from itertools import count, islice
 from typing import Any, Final
 
@@ -91,7 +90,8 @@ class Viewer:
 
 class Supervisor:
     """The supervisor of one loop, for use inside one event loop. `report` is called with a line about any work for
-    which viewers have to wait, and with the reason if the loop ends."""
+    which viewers have to wait, and with the reason if the loop ends. When the hub gets new content, the event `changed`
+    is set and replaced."""
 
     def __init__(
         self,
@@ -103,7 +103,7 @@ class Supervisor:
     ) -> None:
         self.hub = Hub()
         self._make, self._fast, self._report, self._short_life_s = make, fast, report, short_life_s
-        self._watching = set[asyncio.Event]()
+        self.changed = asyncio.Event()
         self._waiting = dict[int, asyncio.Future[LiveAnswer]]()
         self._numbers = count(1)
         self._send: Callable[[tuple[int, str]], asyncio.Future[None]] | None = None
@@ -169,16 +169,6 @@ class Supervisor:
         finally:
             self._waiting.pop(number, None)
 
-    @contextmanager
-    def watched(self) -> Iterator[asyncio.Event]:
-        """Yield an event that is set whenever the hub has new content."""
-        event = asyncio.Event()
-        self._watching.add(event)
-        try:
-            yield event
-        finally:
-            self._watching.discard(event)
-
     def _hear(self, messages: Sequence[LiveMessage | bytes]) -> None:
         self.hub.put(messages)
         for message in messages:
@@ -192,8 +182,8 @@ class Supervisor:
                 item = {"n": -1, "time_s": 0.0, "t": 0.0, "kind": "loop", "text": self._why}
                 self.hub.put([{"type": "events", "run": message["run"], "items": [item]}])
                 self._why = ""
-        for event in self._watching:
-            event.set()
+        self.changed.set()
+        self.changed = asyncio.Event()
 
     def _put(self, state: str, text: str) -> None:
         self._hear([{"type": "loop", "state": state, "text": text}])
