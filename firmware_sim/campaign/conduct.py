@@ -1,5 +1,4 @@
-"""The execution of a campaign: it computes the missing runs, and classifies the outcome of every scenario. Any process
-can execute a run, under control or without control, from the run's data."""
+"""The execution of a campaign: it computes the missing runs, and classifies the outcome of every scenario."""
 
 import json
 from collections import Counter

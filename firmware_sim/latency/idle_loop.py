@@ -26,10 +26,9 @@ _WANTED: Final = Wanted(priority=PRIORITY + 1)  # more than the ECU's, so that t
 
 
 class IdleStage(IntEnum):
-    """The columns of the idle loop's table; times are in ns on CLOCK_MONOTONIC."""
+    """The columns of the idle loop's table; times in ns (CLOCK_MONOTONIC). Skipped periods have an index but no row."""
 
     PERIOD = 0
-    """Index of the period; skipped periods have an index but no row."""
     SCHEDULED = 1
     WOKE = 2
 

@@ -22,8 +22,7 @@ PLANTS: Final = ("wake", "recording")
 
 
 def asked(request: object) -> tuple[str, Any]:
-    """Return the requested action and its value: a dict for `set`, otherwise a bool. Raises ConfigError unless
-    the request has exactly one action, with a valid value."""
+    """Return the requested action and its value: a dict for `set`, otherwise a bool. Raises ConfigError if invalid."""
     if not isinstance(request, dict):
         raise ConfigError("request: must be a JSON object")
     actions = [name for name in request if name != "id"]

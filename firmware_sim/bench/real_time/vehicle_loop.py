@@ -1,7 +1,6 @@
 """A vehicle in real time: at every sampling instant it sends the pressures, and its jets follow the latest command. The
-pressures are from a recording or a live wake. Long runs need no more memory than short runs. Period k begins at the
-absolute instant t_k. A frame that arrived before t_k belongs to period k - 1, even if this process woke late. The
-checks in the jets' driver, `VehicleNode`, count periods, as in virtual time."""
+pressures are from a recording or a live wake. Period k begins at the absolute instant t_k. A frame that arrived before
+t_k belongs to period k - 1, even if this process woke late. `VehicleNode` counts periods, as in virtual time."""
 
 from collections import Counter
 from collections.abc import Callable

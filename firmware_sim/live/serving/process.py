@@ -32,8 +32,7 @@ LONGEST_END_S: Final = 3.0
 
 def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
     """Run the process until the pipe is closed or the session fails. It sends pairs: ("messages", list), ("answer",
-    (number, Answer)) and, as the last pair, ("ended", error). It receives pairs of a number and a request as JSON. With
-    `fast` a period may take less time than on a vehicle."""
+    (number, Answer)) and, as the last pair, ("ended", error). It receives pairs of a number and a request as JSON."""
     # `os._exit` ends the process at once. An exception might be raised in a callback, where Python only prints it.
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
     # `started` blocked SIGTERM and SIGINT (Ctrl-C). SIGINT stays blocked, because the server ends this process.

@@ -92,17 +92,11 @@ class CanController:
 
     def taken(self, until_ns: int) -> list[Frame]:
         """Return the frames sent since the last call, until `until_ns`; a time stamp is the end of its frame."""
-        self._sending.progress(until_ns)
-        left = [replace(frame, timestamp_ns=end_ns) for frame, end_ns in self._sending.left]
-        self._sending.left.clear()
-        return left
+        return [replace(frame, timestamp_ns=end_ns) for frame, end_ns in self._sending.taken(until_ns)]
 
     def handed_over(self) -> list[Frame]:
         """Return all waiting frames, stamped with the times of their requests, for a bus that is modelled elsewhere."""
-        self._sending.progress(_EVER_NS)
-        left = [frame for frame, _ in self._sending.left]
-        self._sending.left.clear()
-        return left
+        return [frame for frame, _ in self._sending.taken(_EVER_NS)]
 
     def read(self, offset: int) -> int:
         """Read a register or a word of the message RAM; raises McuError for a register that is not modelled."""
@@ -221,15 +215,14 @@ class TransmitBuffers:
     """The Tx buffer elements of an M_CAN: first `dedicated` dedicated buffers, then a FIFO of `size` elements.
     `element` returns the frame in an element, `duration_ns` the time in ns from its start until the next may start.
     `pending` and `transmitted` have the bits of elements that wait to be sent, and that were sent since their last
-    request. `put` is the FIFO's next free element. No frame is started unless `is_on`. `left` has the sent frames in
-    order, each stamped with the time of its request, and with the end of its transmission in ns."""
+    request. `put` is the FIFO's next free element. No frame is started unless `is_on`."""
 
     def __init__(self, element: Callable[[int], Frame], duration_ns: Callable[[Frame], int]) -> None:
         self._element, self._duration_ns = element, duration_ns
         self.dedicated = self.size = self.put = 0
         self.pending = self.transmitted = 0
         self.is_on = False
-        self.left = list[tuple[Frame, int]]()
+        self._left = list[tuple[Frame, int]]()
         self._asked = dict[int, Frame]()
         self._order = list[int]()
         self._wire: _OnWire | None = None
@@ -270,6 +263,13 @@ class TransmitBuffers:
         if not is_on:
             self._wire = None
 
+    def taken(self, until_ns: int) -> list[tuple[Frame, int]]:
+        """Return the frames sent since the last call, stamped with their requests, and the ends of transmission in ns.
+        Transmissions are simulated until `until_ns`."""
+        self.progress(until_ns)
+        left, self._left = self._left, []
+        return left
+
     def progress(self, now_ns: int) -> None:
         """Simulate the transmissions until `now_ns`."""
         while True:
@@ -277,7 +277,7 @@ class TransmitBuffers:
                 index, frame, self._free_ns = self._wire
                 if self._free_ns > now_ns:
                     return
-                self.left.append((frame, self._free_ns))
+                self._left.append((frame, self._free_ns))
                 self.transmitted |= 1 << index
                 self._wire = None
                 self._drop(1 << index)

@@ -95,8 +95,7 @@ def write_report(folder: RunFolder, target: Path | None = None) -> Path:
 
 
 def wake_of(folder: RunFolder, log: RunLog) -> WakeStills | None:
-    """Read the recorded wake; return None for a folder of an earlier version. Raises StillwakeError if the file is
-    damaged, or its times differ from the times of the series."""
+    """Read the recorded wake; None for a folder of an earlier version. Raises StillwakeError if the file is damaged."""
     return wake_stills.load(folder.wake, log) if folder.wake.exists() else None
 
 
