@@ -1,5 +1,4 @@
-"""The disturbances of a run, each described by a line of text. The part after an @ is the time span, in s from the
-run's start.
+"""The disturbances of a run, each described by a line of text. After an @ is the time span, in s from the run's start.
 
     noise:level=0.5                        on every transducer
     stuck:sensor=base_7@2..5               on one transducer, from 2 s to just before 5 s
@@ -11,8 +10,7 @@ run's start.
     gust:amplitude=0.1,period=20
 
 The classes here only describe disturbances; `disturbing.py` applies them. A disturbance can name only sensors of the
-bundle, because the ECU reads no other sensors. Levels are in global deviations of pressure
-(`firmware_sim.bench.sensor_faults`).
+bundle, because the ECU reads no others. Levels are in global deviations of pressure (`sensor_faults.py`).
 """
 
 from collections.abc import Iterable
@@ -48,23 +46,22 @@ class NodeFault:
 
 @dataclass(frozen=True, kw_only=True)
 class WireNoise(Span, section="wire_errors"):
-    """A span with bit errors on the bus. CAN detects them, sends the frame again, and counts errors until bus-off."""
+    """A span in which each bit on the bus is wrong with the probability `bit_error_rate`, independently of the others.
+    CAN detects errors, sends the frame again, and counts errors until bus-off. With `at` send, the errors are in frames
+    that `node` sends, so that all nodes see them; with receive, only `node` sees them."""
 
     bit_error_rate: Probability
-    """Probability that a bit is wrong; bits are independent of each other."""
     node: Literal["all", "vehicle", "ecu"] = "all"
     at: Literal["send", "receive"] = "send"
-    """Place of the errors. send: in frames that `node` sends, so that all nodes see them; receive: only at `node`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reset(Instant, section="reset"):
-    """A reset of the ECU. The ECU loses its state, receives nothing while it boots, and starts again. Frames in its CAN
-    controller are still sent. The ECU's freshness values (`bus.key`) are in non-volatile memory and survive."""
+    """A reset of the ECU. It loses its state, but not the freshness values (`bus.key`) in its non-volatile memory. It
+    receives nothing while it boots for `boot_s` s, and starts again. Frames in its CAN controller are still sent."""
 
     node: Literal["ecu"] = "ecu"
     boot_s: NonNegative[float] = 0.2
-    """Time from the reset to the ECU's first step."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,9 +86,8 @@ class Reynolds(Span, section="reynolds"):
 
 @dataclass(frozen=True, kw_only=True)
 class OtherBody(Span, section="body"):
-    """A body in the built-in solver that replaces the release's body for a whole run. The fields, in body widths W,
-    replace the settings of the same names in `body`. The sensors keep their names, but lie on this body. The ECU is
-    not informed."""
+    """A body in the built-in solver for a whole run; the ECU is not informed. The fields, in W, replace the settings of
+    the same names in `body`. The sensors keep their names, but lie on this body."""
 
     length: Finite[float]
     leading_edge_radius: NonNegative[float] = 0.0
@@ -177,11 +173,11 @@ class NoSpeed(Span, section="no_speed"):
 
 @dataclass(frozen=True, kw_only=True)
 class Density(Span, section="density"):
-    """An air density in kg/m3 that differs from the ECU's settings. It scales the pressures, but not the jets' flow."""
+    """An air density in kg/m3 that differs from the ECU's settings; if `stated`, the vehicle sends it with its speed.
+    It scales the pressures, but not the jets' flow."""
 
     density: Positive[float]
     stated: bool = False
-    """Whether the vehicle sends this density together with its speed."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -36,49 +36,6 @@ LOOK_NS: Final = 1_000_000
 """Time in ns between two bus events that are added for port faults. At each event, the ports can release frames."""
 
 
-class NodeFaults:
-    """An object that adds a run's faults to the nodes' ports. The first of a node's faults is closest to the bus. Each
-    port already uses `before` random sequences; these faults use the sequences after them."""
-
-    def __init__(self, faults: Sequence[NodeFault], bus: SimulatedBus, seed: int, before: Mapping[str, int]) -> None:
-        self._faults, self._bus, self._seed, self._before = faults, bus, seed, before
-        self._ended = False
-        self._ports: dict[str, FaultyBus] = {}
-        self._babbling: list[_Babbling] = []
-        if faults:
-            self._look()
-
-    def around(self, node: str, port: Bus) -> Bus:
-        """Return the node's port with the node's faults added; return the port itself if the node has no faults."""
-        mine = [one.fault for one in self._faults if one.node == node]
-        if not mine:
-            return port
-        # Equal faults in both nodes must not affect the same frames, so the seed depends on the node.
-        seed = len(NODES) * self._seed + NODES.index(node)
-        first = self._before.get(node, 0)
-        faulty = self._ports[node] = wrap(port, mine, lambda: self._bus.now_ns, seed=seed, first=first)
-        if not any(isinstance(one, Babble) for one in mine):
-            return faulty
-        self._babbling.append(_Babbling(faulty))
-        return self._babbling[-1]
-
-    def acted(self) -> list[int]:
-        injectors = {node: iter(port.injectors) for node, port in self._ports.items()}
-        return [next(injectors[one.node]).acted for one in self._faults]
-
-    def end(self) -> None:
-        """Stop calling the ports periodically. From then on, faults act only when a node uses its port."""
-        self._ended = True
-
-    def _look(self) -> None:
-        if self._ended:
-            return
-        # This function is a bus event. After each event, the loop reads the ECU's port, which releases delayed frames.
-        for port in self._babbling:
-            port.look()
-        self._bus.call_at(self._bus.now_ns + LOOK_NS, self._look)
-
-
 class _Babbling(WrappedBus):
     """A port with a babbling fault, which also sends, receives and stores frames between the node's calls."""
 
@@ -117,16 +74,43 @@ class Disturbing:
                 self._in_ports[place] = item
         self._speeds: list[float] = []  # vehicle's speed in every period so far, m/s
         self._frozen: dict[int, float] = {}
-        self._ports: NodeFaults  # set by `connect`
         self._flow: tuple[Disturbable, float] | None = None  # plant and its own Reynolds number
+        self._bus: SimulatedBus  # set by `connect`
+        self._ports: dict[str, FaultyBus] = {}
+        self._babbling: list[_Babbling] = []
+        self._ended = False
         self.corrupts, self.mishears = self._wire("send"), self._wire("receive")
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
-        self._ports = NodeFaults(list(self._in_ports.values()), bus, self._seed, self._before)
-        return self._ports.around
+        self._bus = bus
+        if self._in_ports:
+            self._look()
+        return self._around
+
+    def _around(self, node: str, port: Bus) -> Bus:
+        """Return the node's port with the node's faults, the first of them closest to the bus; or the port itself."""
+        mine = [one.fault for one in self._in_ports.values() if one.node == node]
+        if not mine:
+            return port
+        # Equal faults in both nodes must not affect the same frames, so the seed depends on the node.
+        seed, first = len(NODES) * self._seed + NODES.index(node), self._before.get(node, 0)
+        faulty = self._ports[node] = wrap(port, mine, lambda: self._bus.now_ns, seed=seed, first=first)
+        if not any(isinstance(one, Babble) for one in mine):
+            return faulty
+        self._babbling.append(_Babbling(faulty))
+        return self._babbling[-1]
+
+    def _look(self) -> None:
+        if self._ended:
+            return
+        # This function is a bus event. After each event, the loop reads the ECU's port, which releases delayed frames.
+        for port in self._babbling:
+            port.look()
+        self._bus.call_at(self._bus.now_ns + LOOK_NS, self._look)
 
     def end(self) -> None:
-        self._ports.end()
+        """Stop calling the ports periodically. From then on, faults act only when a node uses its port."""
+        self._ended = True
 
     def _wire(self, at: str) -> Corrupts | None:
         hooks = {}
@@ -245,7 +229,9 @@ class Disturbing:
 
     def injected(self) -> tuple[InjectedFault, ...]:
         """Return each disturbance with the number of times it has acted so far, in the order given."""
-        acted = self._acted | Counter(dict(zip(self._in_ports, self._ports.acted(), strict=True)))
+        injectors = {node: iter(port.injectors) for node, port in self._ports.items()}
+        in_ports = {place: next(injectors[one.node]).acted for place, one in self._in_ports.items()}
+        acted = self._acted | Counter(in_ports)
         return tuple(InjectedFault(text=text, acted=acted[place]) for place, text in enumerate(self._texts))
 
     def _each(self, kind: type[S]) -> Iterator[tuple[int, S]]:

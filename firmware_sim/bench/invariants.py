@@ -47,8 +47,7 @@ from wake.plant.sample import Sample
 
 T = TypeVar("T")
 DRIVING: Final = frozenset({Mode.CONTROL, Mode.HOLD, Mode.DECAY})
-_WANTED: Final = DRIVING | {Mode.WARMUP}
-"""Modes of an ECU that was asked for control and has no latched fault."""
+_WANTED: Final = DRIVING | {Mode.WARMUP}  # modes of an ECU that was asked for control and has no latched fault
 AGE_TOLERANCE: Final = 0.01
 """Tolerance of ages, as a share of a period. It is far larger than the known errors of an age: those from clock rates
 that differ by 200 ppm, and from the time between a frame's arrival and the reading of the bus."""
@@ -196,8 +195,8 @@ class Invariants:
         self._last_counter: int | None = None  # counter of the ECU's latest command
         self._was_wanted = self._low_heard = self._edge_heard = False
         self._jets = Jets(config)
-        self._sampled: dict[int, tuple[int, int]] = {}  # counter of a Pressure frame: (period, time in ns)
-        self._reached: dict[int, int] = {}  # same keys: time stamp in ns of the first such frame at the ECU
+        self._sampled: dict[int | None, tuple[int, int]] = {}  # counter of a Pressure frame: (period, time in ns)
+        self._reached: dict[int | None, int] = {}  # same keys: time stamp in ns of the first such frame at the ECU
         self._arrived: list[Frame] = []
 
     @classmethod
@@ -246,7 +245,7 @@ class Invariants:
         command = parsed(self._command, frame)
         if command is None:
             return None
-        sampled = self._sampled.get(-1 if command.pressure_counter is None else command.pressure_counter)
+        sampled = self._sampled.get(command.pressure_counter)
         return HeardCommand(
             counter=profile_of(self._command.spec).counter_of(frame.data),
             wanted=command.mode in _WANTED,
@@ -275,13 +274,12 @@ class Invariants:
         held = 1 + ecu.hold_periods + ecu.decay_periods
         oldest = min(ecu.pressure_age, held) if command.mode is Mode.CONTROL else held
         counter = command.pressure_counter
-        sampled = self._sampled.get(-1 if counter is None else counter)
-        if sampled is None:
+        if (sampled := self._sampled.get(counter)) is None:
             self._broken("bus_age", f"{command.mode.name} is based on pressures that were not sent (counter {counter})")
             return
         # The ECU does not see a delay before a frame's time stamp: in a gateway that gives new time stamps, in a wait
         # for the bus, or in a transmit buffer that is sent again. The checks of the vehicle's jets use the true age.
-        known_ns = max(sampled[1], self._reached.get(-1 if counter is None else counter, 0))
+        known_ns = max(sampled[1], self._reached.get(counter, 0))
         age_ns = now_ns - round(ecu.compute_time_ms * 1e6) - known_ns
         if age_ns > (oldest + AGE_TOLERANCE) * period_ns + self._hidden_ns + self._drift * now_ns:
             self._broken("bus_age", f"{command.mode.name} is based on pressures that are {age_ns / 1e6:g} ms old")

@@ -5,8 +5,7 @@ or of n instants, shape (n, S). It returns the faulty readings and leaves its ar
 the instants, so one call for n instants and n calls for one instant give the same readings.
 
 Levels are in global deviations. The global deviation is the standard deviation of all 90 pressures taken together, each
-about its own mean (paper, appendix B). So a level is the same difference of Cp at every sensor. The paper tests no
-biased, drifting or dead sensors.
+about its own mean (paper, appendix B). So a level is the same difference of Cp at every sensor.
 """
 
 from abc import ABC, abstractmethod
@@ -42,10 +41,9 @@ class SensorDisturbance(Span, ABC, section="sensor_disturbance"):
 
 @dataclass(frozen=True, kw_only=True)
 class Noise(SensorDisturbance, section="noise"):
-    """A white Gaussian noise, independent for every sensor (paper, appendix B)."""
+    """A white Gaussian noise with the standard deviation `level`, independent for every sensor (paper, appendix B)."""
 
     level: NonNegative[float]
-    """Standard deviation, in global deviations."""
 
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
         draw = np.random.default_rng(seed).standard_normal
@@ -54,10 +52,9 @@ class Noise(SensorDisturbance, section="noise"):
 
 @dataclass(frozen=True, kw_only=True)
 class Quantise(SensorDisturbance, section="quantise"):
-    """A rounding of all readings to a multiple of a step."""
+    """A rounding of all readings to a multiple of `step`, in Pa."""
 
     step: Positive[float]
-    """Size of a step in Pa."""
 
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
         step = self.step / config.operating_point.dynamic_pressure
@@ -80,7 +77,6 @@ class Bias(OneSensor, section="bias"):
     """A constant offset on one sensor."""
 
     level: Finite[float]
-    """Offset in global deviations."""
 
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
         return lambda cp: _with(cp, at, cp[..., at] + self.level * GLOBAL_DEVIATION)
@@ -88,12 +84,10 @@ class Bias(OneSensor, section="bias"):
 
 @dataclass(frozen=True, kw_only=True)
 class Drift(OneSensor, section="drift"):
-    """An offset on one sensor that grows linearly and then stays constant."""
+    """An offset on one sensor that grows linearly to `level` in `over_s` s, and then stays constant."""
 
     level: Finite[float]
-    """Final offset in global deviations."""
     over_s: Positive[float] = 5.0
-    """Time in s in which the offset grows to its final value."""
 
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
         # A drift that takes less than a period reaches its final value at the second reading.
@@ -134,10 +128,9 @@ class Dead(OneSensor, section="dead"):
 
 @dataclass(frozen=True, kw_only=True)
 class Swap(SensorDisturbance, section="swap"):
-    """An exchange of the readings of two sensors."""
+    """An exchange of the readings of two sensors, whose names are joined by + in a text."""
 
     sensors: tuple[str, ...]
-    """Names of the two sensors; in a text they are joined by +."""
 
     @property
     def named(self) -> tuple[str, ...]:

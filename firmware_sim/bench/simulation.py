@@ -37,6 +37,7 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import VirtualLoop, check_bit_rates
 from firmware_sim.runs.metadata import RunEcu, RunMetadata, RunOrigin
 from firmware_sim.runs.run_log import BusTraffic, NodeErrors, Row, RunLog, WaitingTimes
+from firmware_sim.runs.summary import ENOUGH_CYCLES
 from wake.plant.drive import Drive
 from wake.plant.protocol import LoopPlant
 
@@ -44,10 +45,7 @@ WARM_UP_PLANS: Final = 3
 """Number of control steps with zero inputs before the run, because ONNX Runtime's first steps allocate memory."""
 SHEDDING_TIME: Final = 5.0
 """Length in t_c of a shedding cycle of the truck's wake, from its Strouhal number of 0.2."""
-_LONGEST: Final = 1e6
-"""Longest span in t_c, about a day of the run's time."""
-CYCLES: Final = 2
-"""Smallest number of shedding cycles in an averaged span, so that the span contains a whole cycle in any phase."""
+_LONGEST: Final = 1e6  # longest span in t_c, about a day of the run's time
 
 
 class Disturbs(Protocol):
@@ -166,8 +164,8 @@ class Spans:
                 raise StillwakeError(f"--{option} = {value}: must be a number of t_c in 0..{_LONGEST:g}")
         if not self.averages:
             return
-        least = CYCLES * SHEDDING_TIME
-        remedy = f"must be at least {least:g} t_c ({CYCLES} shedding cycles) for averages, or give --no-averages"
+        least = ENOUGH_CYCLES * SHEDDING_TIME
+        remedy = f"must be at least {least:g} t_c ({ENOUGH_CYCLES} shedding cycles) for averages, or give --no-averages"
         if self.lead_in < least:
             raise StillwakeError(f"--lead-in = {self.lead_in:g}: {remedy}")
         if round(left := self.controlled - self.settle, 9) < least:
@@ -185,18 +183,13 @@ class Spans:
 
 
 class Simulation:
-    """A run that can be executed only once. Raises StillwakeError if the bundle does not fit the vehicle, the bus does
-    not work in virtual time, the jets could never move, a span is too short, a disturbance could not act, or the
-    calibration is out of its limits. `periods` has the numbers of control periods without control, and of all.
-
-    Args:
-        config: settings of the vehicle, with the bundle's operating point and control period.
-        controller: computes the bundle's control step; if None, ONNX Runtime computes it.
-        calibration: values that the ECU gets before its first step; if None, its default values.
-        ecu: ECU that is used in place of the ECU in Python; `controller` is then unused.
-        drive: the vehicle's speeds from the request for control on; before the request, its first speed holds. If None,
-            the speed is the operating point's. With a drive, the log has totals of the drive instead of averages.
-    """
+    """A run that can be executed only once. `config` has the bundle's operating point and control period. `controller`
+    computes the bundle's control step; if None, ONNX Runtime computes it. `calibration` is given to the ECU before its
+    first step. `ecu` replaces the ECU in Python and its controller. `drive` has the vehicle's speeds from the request
+    for control on, and its first speed holds before; if None, the speed is the operating point's. With a drive, the log
+    has totals of the drive instead of averages. `periods` has the numbers of control periods without control, and of
+    all. Raises StillwakeError if the bundle does not fit the vehicle, the bus does not work in virtual time, the jets
+    could never move, a span is too short, a disturbance could not act, or the calibration is out of its limits."""
 
     def __init__(
         self,
@@ -250,18 +243,12 @@ class Simulation:
         progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
         progress_without: Callable[[int, int], None] = lambda done, total: None,
     ) -> RunLog:
-        """Run the loop on this wake from its present state. With a drive, the drive is first run without control.
-        Raises StillwakeError if the bundle is for another body, or if the wake's flow cannot be disturbed or diverges.
-
-        Args:
-            wake: a plant at the start of a control period; afterwards it is at the end of the run.
-            capture: called with every frame on the bus, stamped with the end of its transmission.
-            origin: date and origin of the run, for its record; if None, today's date.
-            ready: called with the total number of periods before the first period.
-            requesting: called before the first period in which control is requested.
-            progress: called with (row, periods done, total periods) after every period.
-            progress_without: called with (periods done, total periods) after every period of the drive without control.
-        """
+        """Run the loop on this wake, which is at the start of a control period. With a drive, the drive is first run
+        without control. `origin` is for the run's record; if None, today's date. `capture` is called with every frame
+        on the bus, stamped with the end of its transmission; `ready` with the total number of periods before the first
+        period; `requesting` before the first period with a request for control; `progress` with (row, periods done,
+        total periods) after every period; `progress_without` with the last two after those of the drive without
+        control. Raises StillwakeError for a bundle for another body, or a flow that cannot be disturbed or diverges."""
         config, bundle = self._config, self._bundle
         other = self._disturbances.other_body
         if other is None:

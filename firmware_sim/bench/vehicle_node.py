@@ -11,19 +11,17 @@ frames, or after 16 frames in the classic message set, so an unchanged echo woul
 vehicle therefore assigns each echo to the first frame with the echoed counter that is not older than the previously
 echoed frame. After an interruption it assigns the echo to the newest frame with that counter.
 
-The limit of missed commands is (m, k)-firm, like the ECU's limit of missed pressures (`ecu.fail_safe`). The ECU cannot
-detect that its commands are lost.
+The limit of missed commands is (m, k)-firm, like the ECU's limit of missed pressures (`ecu.fail_safe`).
 """
 
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
 from can_bridge.e2e.profiles import E2eSender, profile_of
-from can_bridge.e2e.receiver import E2eReceiver, ReceiverState
+from can_bridge.e2e.receiver import E2eReceiver
 from can_bridge.secoc.securing import Authentication, Freshness, VerifierState, key_of, secured, verified
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
@@ -34,8 +32,6 @@ from contract.config.tree import Config
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from ecu.controller_memory import DelayLine
-
-_DRIVING: Final = (Mode.CONTROL, Mode.HOLD, Mode.DECAY)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,11 +87,9 @@ class Actuation:
 
 
 class VehicleNode:
-    """The four transducers and the jets' driver on one CAN node. Raises ConfigError if the plant lacks a sensor with a
-    given name, if a name occurs twice, or if only one of `bus.key` and `authentication` is given.
-
-    `sensor_names` are in the order of the bundle. `read` is a function from (Cp at the S transducers, shape (S,), time
-    in ns) to the transducers' readings.
+    """The transducers and the jets' driver on one CAN node. `sensor_names` are in the order of the bundle. `read` is a
+    function from (Cp at the S transducers, shape (S,), time in ns) to their readings. Raises ConfigError if the plant
+    lacks a sensor, if a name occurs twice, or if only one of `bus.key` and `authentication` is given.
 
     Attributes:
         operating_point, action_limit: the vehicle's own values, initially as in `config`.
@@ -104,6 +98,7 @@ class VehicleNode:
         stated_speed, stated_density: values that the vehicle sends, in m/s and kg/m3; None, or a value outside the
             signal's range, is sent as unknown.
         sends_speed: whether the vehicle sends VehicleSpeed frames.
+        receiver: the receiver of jet commands, with its E2E state.
         has_given_up: whether too many commands were missed. It stays true until the vehicle no longer wants control.
     """
 
@@ -128,11 +123,11 @@ class VehicleNode:
         self._messages = message_set(config.bus)
         self._sender = E2eSender(self._messages.pressure.spec)
         self._speed_sender = E2eSender(self._messages.speed.spec)
-        self._receiver = E2eReceiver(self._messages.command.spec, config.bus.e2e)
+        self.receiver = E2eReceiver(self._messages.command.spec, config.bus.e2e)
         self._key = key_of(authentication, config.bus)
         self._freshness = Freshness() if authentication is None else authentication.freshness
         self._speed_freshness = self._freshness  # each message has its own freshness value
-        self._verifier = VerifierState() if authentication is None else authentication.verifier(self._receiver.spec)
+        self._verifier = VerifierState() if authentication is None else authentication.verifier(self.receiver.spec)
         # For each of the latest periods in which the ECU was in control: whether its command was missed.
         self._missed: deque[bool] = deque(maxlen=config.vehicle.loss_window)
         self.has_given_up = False
@@ -193,9 +188,9 @@ class VehicleNode:
         """Return the jets' action that follows from the frames received in one control period. Without a valid command
         the vehicle keeps the last action for `ecu.hold_periods` periods, like the ECU; then the jets shut. They shut
         immediately if the vehicle no longer wants control or gives up control."""
-        before, spec = self._action, self._receiver.spec
+        before, spec = self._action, self.receiver.spec
         self._verifier, frames, _ = verified(self._verifier, frames, spec=spec, key=self._key)
-        frame = self._receiver.tick(frames).live
+        frame = self.receiver.tick(frames).live
         command = None if frame is None else self._messages.command.parse(frame.data[: spec.protected])
         if command is None:
             self._misses += 1
@@ -258,12 +253,7 @@ class VehicleNode:
     @property
     def accepted_freshness(self) -> tuple[int, int]:
         """Identifier of the jet commands, and their newest accepted freshness value (0 without authentication)."""
-        return self._receiver.spec.frame_id, self._verifier.freshness
-
-    @property
-    def command_stream(self) -> ReceiverState:
-        """E2E state of the receiver of jet commands."""
-        return self._receiver.state
+        return self.receiver.spec.frame_id, self._verifier.freshness
 
     def counter_of(self, frame: Frame) -> int:
         """Return the E2E counter of a Pressure frame."""
@@ -272,7 +262,7 @@ class VehicleNode:
     @property
     def frames_rejected(self) -> int:
         """Number of jet commands received that were not authentic or failed their end-to-end check."""
-        return self.frames_not_authentic + self._receiver.state.frames_rejected
+        return self.frames_not_authentic + self.receiver.state.frames_rejected
 
     @property
     def frames_not_authentic(self) -> int:
@@ -285,4 +275,4 @@ def _fitting(value: float | None, step: float, least: int, most: int) -> float |
 
 
 def _drives(command: JetCommand) -> bool:
-    return command.enable and command.mode in _DRIVING
+    return command.enable and command.mode in (Mode.CONTROL, Mode.HOLD, Mode.DECAY)

@@ -42,6 +42,11 @@ from wake.plant.protocol import Plant
 from wake.plant.sample import Sample
 
 
+def _send(port: Bus, frame: Frame) -> None:
+    with suppress(BusError):  # A frame that the bus does not accept is lost; the receiver must detect this.
+        port.send(frame)
+
+
 def check_bit_rates(config: Config) -> None:
     """Raise BusError if a pressure frame takes a whole control period or longer."""
     if (takes_ns := _pressure_frame_ns(config)) >= config.period_ns:
@@ -100,10 +105,10 @@ class VirtualLoop(NeverCopied):
         end_ns = self.now_ns + self._period_ns
         sample = self._plant.sample()
         self._bus.advance_to(self.now_ns)
-        self._send(self._at_vehicle, self._node.sample(sample.Cp, enable_request=enable_request, now_ns=self.now_ns))
+        _send(self._at_vehicle, self._node.sample(sample.Cp, enable_request=enable_request, now_ns=self.now_ns))
         speed, speed_frame = self._node.speed, self._node.speed_frame(now_ns=self.now_ns)
         if speed_frame is not None:
-            self._send(self._at_vehicle, speed_frame)
+            _send(self._at_vehicle, speed_frame)
         self._bus.advance_until(self.now_ns + self._wait_ns, self._pressures_came)
         self._pressures_came()
         step_ms = self._step_ecu(self._bus.now_ns)
@@ -182,16 +187,9 @@ class VirtualLoop(NeverCopied):
             return
         for frame in frames:
             self._commands_sent += self._command.names(frame)
-            self._send(self._at_ecu, frame)
-
-    @staticmethod
-    def _send(port: Bus, frame: Frame) -> None:
-        """Send a frame. A frame that the bus does not accept is lost; the receiver must detect this."""
-        with suppress(BusError):
-            port.send(frame)
+            _send(self._at_ecu, frame)
 
     def _advance_plant(self, actuation: Actuation) -> None:
-        """Advance the flow to the period's end. Until the period's command arrives, the jets keep their action."""
         if actuation.command is not None and not actuation.next_period:
             after_ns = actuation.command.timestamp_ns - self.now_ns
             # The ramp to the new action needs at least one time step.

@@ -1,5 +1,4 @@
-"""The execution of a campaign: it computes the missing runs, and classifies the outcome of every scenario. Any process
-can execute a run, under control or without control, from the run's data."""
+"""The execution of a campaign: it computes the missing runs, and classifies the outcome of every scenario."""
 
 import json
 from collections import Counter
@@ -45,8 +44,7 @@ from wake.truck.truck_wake import TruckWake
 
 _SETTINGS: Final = ("bus", "ecu", "vehicle", "flow.reynolds", "flow.substeps")
 """Sections and settings that a scenario may change. The release fixes the controller and its period in t_c."""
-_MOST_KEPT: Final = 20
-"""Largest number of violations that are stored as text; all violations are counted."""
+_MOST_KEPT: Final = 20  # largest number of violations that are stored as text; all violations are counted
 MARGIN_PERIODS: Final = 2
 """Number of periods that the lead-in needs in addition to those that fill the window; the first frames add no row."""
 
@@ -134,7 +132,6 @@ def _under_control(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
 
 
 def _free(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
-    """Run the flow without control, for the length of a run under control."""
     config, wake = task.config, _wake(task, start)
     lead_in, periods = task.timing.periods(config.flow.control_period)
     disturbing = Disturbing(Disturbances.parse(task.disturb), config, bundle.manifest.sensors, task.seed, {})

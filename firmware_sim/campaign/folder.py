@@ -1,6 +1,5 @@
-"""The folder of a campaign: its label, the initial states and outcomes of its runs, and its report.
-
-Initial states are the wake at several shedding phases, so that no result depends on a single phase.
+"""The folder of a campaign. The initial states of its runs are the wake at several shedding phases, so that no result
+depends on a single phase.
 
 campaign.json           the label: settings, seed, spans and bundle; a call with another label needs --overwrite
 starts/phase_0.npz      initial flow state of the runs; NAME.phase_0.npz if scenario NAME has its own plant

@@ -146,21 +146,15 @@ def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[PhaseOut
         reduction = Spread.of([phase.reduction for phase in found])
         lost = undisturbed - reduction.mean
         row = ScenarioRow(scenario=scenario, phases=found, safe=False, use=Use.NONE, reduction=reduction, lost=lost)
-        safe = bool(found) and not row.broken
-        free = row.spread("abs_Cl", free=True).mean
+        free, criteria = row.spread("abs_Cl", free=True).mean, scenario.criteria
         side_force = row.spread("abs_Cl").mean / free if free > 0 else inf
-        rows.append(replace(row, safe=safe, use=use_of(reduction.mean, undisturbed, side_force, scenario.criteria)))
+        share = reduction.mean / undisturbed if undisturbed > 0 else nan
+        use = Use.MARGINAL if share > criteria.marginal else Use.NONE
+        # A comparison with NaN is false, so an unknown outcome is not useful.
+        if share >= criteria.useful and side_force <= criteria.abs_Cl:
+            use = Use.USEFUL
+        rows.append(replace(row, safe=bool(found) and not row.broken, use=use))
     return tuple(rows)
-
-
-def use_of(reduction: float, undisturbed: float, side_force: float, criteria: Criteria) -> Use:
-    """Judge an outcome. `reduction` and `undisturbed` are the reductions of wall drag in percent, in this scenario and
-    in the undisturbed scenario. `side_force` is mean |Cl| as a share of its value without control."""
-    share = reduction / undisturbed if undisturbed > 0 else nan
-    # A comparison with NaN is false, so an unknown outcome is not useful.
-    if share >= criteria.useful and side_force <= criteria.abs_Cl:
-        return Use.USEFUL
-    return Use.MARGINAL if share > criteria.marginal else Use.NONE
 
 
 def listing(scenarios: Sequence[Scenario], *, phases: int) -> list[str]:

@@ -1,7 +1,6 @@
 """The report of a campaign: one self-contained HTML page with a table of the results, curves, and a section for each
-group of scenarios. The table and the figures are also written to separate files. The figures show drag and side force
-against noise and delay, and an overview of all scenarios. The paper's results under noise and delay are shown as far as
-its text states numbers (section 3.3, appendix B)."""
+group of scenarios. The table and the figures are also written to separate files. The paper's results under noise and
+delay are shown as far as its text states numbers (section 3.3, appendix B)."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -46,8 +45,7 @@ _CURVES: Final = {
     ),
     "overview": ("Overview", _BARS),
 }
-_USED: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
-"""Sections of the settings that the runs use."""
+_USED: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")  # sections of the settings that the runs use
 Points = Sequence[tuple[float, ScenarioRow]]
 """A curve through scenarios that differ in one number; each point is (this number, row of the scenario)."""
 

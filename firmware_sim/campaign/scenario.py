@@ -41,8 +41,7 @@ LONGEST_NAME: Final = 80
 BUILT_IN: Final = ("paper", "sensors", "bus", "flow")
 """Names of the files in `plans/`, in the order in which `whole_plan` reads them."""
 MOST_SCENARIOS: Final = 1000
-_SENSORS: Final = "sensors"
-"""Value of `each` with which a scenario is repeated for each sensor of the release."""
+_SENSORS: Final = "sensors"  # value of `each` with which a scenario is repeated for each sensor of the release
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,8 +13,7 @@ TERMINAL: Final = "CanChannel"
 """Name of the bus terminal in the FMU."""
 LS_BUS: Final = "org.fmi-standard.fmi-ls-bus"
 _MIME: Final = f'application/{LS_BUS}.can; version="1.0.0"'
-_RX_BYTES, _TX_BYTES = 8192, 16384
-"""Sizes in bytes of the buffers for received and sent data; `ecu/c/fmu/sw_fmu.h` must have the same sizes."""
+_RX_BYTES, _TX_BYTES = 8192, 16384  # sizes in bytes of the buffers; `ecu/c/fmu/sw_fmu.h` must have the same sizes
 _TYPES_2: Final[Mapping[str, str]] = {"Float64": "Real", "UInt32": "Integer"}
 _add = ElementTree.SubElement
 

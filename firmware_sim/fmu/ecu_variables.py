@@ -26,8 +26,7 @@ SI_UNITS: Final[Mapping[str, Mapping[str, str]]] = {
 """Definition of each unit: the exponents of its SI base units."""
 ENUMERATIONS: Final[Mapping[str, type[IntEnum]]] = {"Mode": Mode, "Reason": Reason}
 _C_TYPES: Final = {"Float64": "FLOAT64", "UInt32": "UINT32", "Boolean": "BOOLEAN", "Enumeration": "INT64"}
-_C_TYPES_2: Final = _C_TYPES | {"UInt32": "INT32", "Enumeration": "INT32"}
-"""C types in the wrapper for FMI 2.0, which has only one integer type."""
+_C_TYPES_2: Final = _C_TYPES | {"UInt32": "INT32", "Enumeration": "INT32"}  # FMI 2.0 has only one integer type
 _SIGNAL: Final = re.compile(r"^ SG_ (\w+) : (\d+)\|(\d+)@1([+-]) ", re.MULTILINE)
 _VEHICLE: Final = """
 pressure.*     | pressure.Pressure      | Float64     | Pa     | 0  | Wall pressure, relative to the free stream

@@ -1,6 +1,5 @@
 """The files of both FMUs, for any tool that imports FMI 3.0 or 2.0. The FMU of the ECU has the compiled C library and
-its sources. The FMU of the plant has settings, a script that `pythonfmu3` runs, and a binary that checks each call
-before the script gets it."""
+its sources. The FMU of the plant has settings, a script that `pythonfmu3` runs, and a binary that checks the calls."""
 
 import hashlib
 import json
@@ -110,10 +109,9 @@ def _build_description(sources: Mapping[str, bytes]) -> bytes:
 
 
 def plant_fmu(config: Config, start: Path | None = None, kind: FmuKind = WITH_SIGNALS) -> bytes:
-    """Return the plant's FMU as a file, after a check that its plant can be created. `start` is the file of the initial
-    flow state; if None, the shipped state. Raises PlantError if the state is of another plant, or the plant is not
-    stable; LibraryError without a compiler, or a binary of `pythonfmu3` for this machine; ModuleNotFoundError without
-    `pythonfmu3` (extra fmu)."""
+    """Return the plant's FMU as a file. `start` is the file of the initial flow state; if None, the shipped state.
+    Raises PlantError if the state is of another plant, or the plant is not stable; LibraryError without a compiler, or
+    a binary of `pythonfmu3` for this machine; ModuleNotFoundError without `pythonfmu3` (extra fmu)."""
     from pythonfmu3.builder import FmuBuilder
 
     from firmware_sim.fmu import plant_slave

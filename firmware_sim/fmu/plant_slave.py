@@ -30,8 +30,7 @@ from wake.plants import own_wake
 
 SETTINGS = "settings.json"
 START = "start.npz"
-_SAME_S = 1e-6
-"""Largest difference in s of two times that are treated as equal."""
+_SAME_S = 1e-6  # largest difference in s of two times that are treated as equal
 _OWN = ("time", "jet_flow", "vehicle_speed", "_speed", "_start", "_done", "_asked")
 
 

@@ -22,15 +22,13 @@ from ecu.real_time.privileges import PRIORITY, Wanted, in_words, taken
 from ecu.real_time.stage_times import StageTimes
 from firmware_sim.latency.stages import Times
 
-_WANTED: Final = Wanted(priority=PRIORITY + 1)
-"""Privileges whose priority is higher by one than the ECU's priority, so that the ECU does not delay the idle loop."""
+_WANTED: Final = Wanted(priority=PRIORITY + 1)  # more than the ECU's, so that the ECU does not delay this loop
 
 
 class IdleStage(IntEnum):
-    """The columns of the idle loop's table; times are in ns on CLOCK_MONOTONIC."""
+    """The columns of the idle loop's table; times in ns (CLOCK_MONOTONIC). Skipped periods have an index but no row."""
 
     PERIOD = 0
-    """Index of the period; skipped periods have an index but no row."""
     SCHEDULED = 1
     WOKE = 2
 

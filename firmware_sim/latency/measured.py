@@ -3,7 +3,6 @@ module also reads a budget's limits from a TOML file, and writes tables and the 
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, make_dataclass
-from functools import cached_property
 from math import isfinite, isinf
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Self
@@ -11,12 +10,12 @@ from typing import Any, Final, NamedTuple, Self
 import numpy as np
 from matplotlib.figure import Figure
 
-from contract.arrays import Array, Mask, runs
+from contract.arrays import Array, runs
 from contract.errors import ConfigError, StillwakeError
 from contract.typed import read_toml, typed
 from firmware_sim.latency.idle_loop import IdleStage, lateness
 from firmware_sim.latency.running import Recorded
-from firmware_sim.latency.stages import Periods, Stage, Times, joined
+from firmware_sim.latency.stages import Periods, Stage, joined
 
 LEFT_CONTROL: Final = 5
 """Number of consecutive periods without a plan at which control counts as lost. Two lost frames cause fewer periods."""
@@ -62,14 +61,23 @@ class Quantiles(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeasuredRun:
-    """The evaluated run of one controller, with the rows of the idle loop's table (`IdleStage`) during the run."""
+    """The evaluated run of one controller. `misses` commands had not arrived by the end of their period; `without_plan`
+    commands arrived in time, but were computed without a plan. If `left_control`, the ECU lost control, so the run does
+    not measure the controller. `slack_ns` is the time from the median arrival of the commands to the end of the period,
+    NaN if no command arrived. `idle_late` has the delays in ns of the idle loop's next wake-up after its deadlines in
+    the run; `idle_misses` counts the delays of at least the slack, and is 0 if there is no slack."""
 
     name: str
     about: str
     recorded: Recorded
     periods: Periods
-    idle: Times
     latencies: Mapping[Stage, Quantiles]
+    misses: int
+    without_plan: int
+    left_control: bool
+    slack_ns: float
+    idle_late: Array
+    idle_misses: int
 
     @classmethod
     def of(cls, recorded: Recorded, *, name: str, about: str, period_ns: int, counter_period: int) -> Self:
@@ -81,46 +89,25 @@ class MeasuredRun:
         idle = recorded.idle[(scheduled >= begin) & (scheduled <= end)]
         if not len(idle):
             raise StillwakeError("the idle loop did not run at the same time as the ECU: there is no baseline")
-        latencies = {stage: Quantiles.of(periods.values(stage)) for stage in Stage}
-        return cls(name=name, about=about, recorded=recorded, periods=periods, idle=idle, latencies=latencies)
-
-    @property
-    def misses(self) -> int:
-        """Number of commands that had not arrived by the end of their period."""
-        return len(self.periods.missed)
-
-    @property
-    def without_plan(self) -> int:
-        """Number of periods whose command arrived in time, but was computed without a plan."""
-        return int(self._without_plan.sum())
-
-    @property
-    def left_control(self) -> bool:
-        """Whether the ECU lost control, so that the run does not measure the controller."""
-        return any(end - begin >= LEFT_CONTROL for begin, end in runs(self._without_plan))
-
-    @cached_property
-    def _without_plan(self) -> Mask:
-        without = np.isnan(self.periods.stages[Stage.PLAN])
-        without[self.periods.missed] = False
-        return without
-
-    @cached_property
-    def idle_late(self) -> Array:
-        """Delay in ns of the idle loop's next wake-up after each of its deadlines."""
-        return lateness(self.idle, self.periods.period_ns)
-
-    @property
-    def idle_misses(self) -> int:
-        """Number of periods in which the idle loop woke up late by `slack_ns` or more; 0 if there is no slack."""
-        return int((self.idle_late >= self.slack_ns).sum()) if self.slack_ns > 0.0 else 0
-
-    @property
-    def slack_ns(self) -> float:
-        """Time in ns from the median arrival of the commands to the end of the period; NaN if no command arrived."""
-        answers = self.periods.stages[Stage.ALL]
+        without = np.isnan(periods.stages[Stage.PLAN])
+        without[periods.missed] = False
+        answers = periods.stages[Stage.ALL]
         answers = answers[np.isfinite(answers)]
-        return self.periods.period_ns - float(np.median(answers)) if len(answers) else float("nan")
+        slack_ns = period_ns - float(np.median(answers)) if len(answers) else float("nan")
+        late = lateness(idle, period_ns)
+        return cls(
+            name=name,
+            about=about,
+            recorded=recorded,
+            periods=periods,
+            latencies={stage: Quantiles.of(periods.values(stage)) for stage in Stage},
+            misses=len(periods.missed),
+            without_plan=int(without.sum()),
+            left_control=any(end - begin >= LEFT_CONTROL for begin, end in runs(without)),
+            slack_ns=slack_ns,
+            idle_late=late,
+            idle_misses=int((late >= slack_ns).sum()) if slack_ns > 0.0 else 0,
+        )
 
     @property
     def counts(self) -> dict[str, int]:

@@ -20,8 +20,7 @@ from firmware_sim.runs.reasons import BECAUSE
 from firmware_sim.runs.statistics import rounded
 from wake.pictures.drawing import outline
 
-_DIGITS: Final = 5
-"""Number of decimals of plotted values; more decimals would not be visible."""
+_DIGITS: Final = 5  # number of decimals of plotted values; more decimals would not be visible
 
 
 def hello(

@@ -27,19 +27,16 @@ from wake.plant.protocol import LoopPlant
 
 OFF: Final = "off"
 """Name of the choice in which the ECU has no supply."""
-_PACE: Final = 50
-"""Number of latest periods from which the number of periods per second of wall-clock time is measured."""
-_SELDOM: Final = 5
-"""Number of periods from one sent bus table to the next."""
+_PACE: Final = 50  # number of latest periods from which the periods per second of wall-clock time are measured
+_SELDOM: Final = 5  # number of periods from one sent bus table to the next
 
 
 class LiveSession(NeverCopied):
     """A loop and the settings of its viewers. `config` has the bundle's operating point and control period. `wake`
     returns a plant in its initial state by the plant's name. `ecu` returns an ECU that has just been powered on by the
     controller's name, and is called once for each name; `ahead` returns a function that prepares a slow ECU, or None.
-    `enable` in the initial settings is not used, because control is requested after `lead_in`, in t_c. `clock` is a
-    wall clock in s. Raises StillwakeError if plant or ECU cannot be created, or if they do not fit each other, the
-    bundle or the vehicle."""
+    Control is requested after `lead_in`, in t_c, whatever `enable` is in the initial settings. `clock` is a wall clock
+    in s. Raises StillwakeError if plant or ECU cannot be created, or do not fit each other, bundle or vehicle."""
 
     INSTEAD: ClassVar = "bus and nodes call each other; create another session, which gives the same result bit for bit"
 
@@ -250,7 +247,7 @@ class LiveSession(NeverCopied):
         fps = (len(ticks) - 1) / passed if passed > 0.0 else 0.0
         out: list[LiveMessage | bytes] = [present.now(run, latest, self._seen, fps=fps, paused=self._paused)]
         if latest.k % _SELDOM == 0 or self._paused:
-            receivers = run.state.pressures, run.node.command_stream
+            receivers = run.state.pressures, run.node.receiver.state
             out.append(run.bus_table.message(run.number, *receivers, run.wired.errors()))
         if run.picture is not None:
             out.append(run.picture)

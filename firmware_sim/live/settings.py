@@ -22,8 +22,7 @@ PLANTS: Final = ("wake", "recording")
 
 
 def asked(request: object) -> tuple[str, Any]:
-    """Return the requested action and its value: a dict for `set`, otherwise a bool. Raises ConfigError unless
-    the request has exactly one action, with a valid value."""
+    """Return the requested action and its value: a dict for `set`, otherwise a bool. Raises ConfigError if invalid."""
     if not isinstance(request, dict):
         raise ConfigError("request: must be a JSON object")
     actions = [name for name in request if name != "id"]
@@ -66,9 +65,8 @@ class LiveSettings:
     """The settings of the running loop; `changed` accepts the result of `asdict`. `enable` is whether the vehicle wants
     control. The noise has the standard deviation `noise` on every transducer, in global deviations. The sensor `dead`
     reads Cp 0, and the sensor `biased` has the bias, in global deviations; an empty text means no sensor. `loss` is the
-    share of the Pressure frames that the ECU does not receive, `delay_ms` the additional delay of jet commands to the
-    vehicle. With `babble` a node sends continuously at the highest priority. `weights` are the cost weights; if None,
-    the weights of the release."""
+    share of the Pressure frames that the ECU does not receive, `delay_ms` the additional delay of jet commands. With
+    `babble` a node sends continuously at the highest priority. If `weights` is None, the release's weights hold."""
 
     enable: bool = False
     controller: str = CONTROLLERS[0]

@@ -52,10 +52,10 @@ class BlockCounter:
     code that Unicorn translated earlier. Raises McuError if there is no compiler, or Unicorn refuses the hook."""
 
     def __init__(self, core: Any, pipeline: Pipeline) -> None:
-        self._pipeline, places = pipeline, FLASH_BYTES // 2
+        places = FLASH_BYTES // 2
         self._counts = np.zeros(places, dtype=np.uint64)
         self._sizes = np.zeros(places, dtype=np.uint32)
-        self._modelled: dict[tuple[int, int], tuple[int, int]] = {}
+        self._modelled = cache(pipeline.block)
         self._arguments = _BlockCounts(FLASH, places, self._counts.ctypes.data, self._sizes.ctypes.data)
         handle, arguments = ctypes.byref(ctypes.c_size_t()), ctypes.byref(self._arguments)
         count = ctypes.cast(_library().count_block, ctypes.c_void_p)
@@ -79,10 +79,7 @@ class BlockCounter:
         places = np.flatnonzero(self._counts)
         found = zip(places.tolist(), self._counts[places].tolist(), self._sizes[places].tolist(), strict=True)
         for place, count, size in found:
-            block = place, size
-            if block not in self._modelled:
-                self._modelled[block] = self._pipeline.block(FLASH + 2 * place, size)
-            instructions, cycles = self._modelled[block]
+            instructions, cycles = self._modelled(FLASH + 2 * place, size)
             yield FLASH + 2 * place, count * instructions, count * cycles
 
 

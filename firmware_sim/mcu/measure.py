@@ -20,19 +20,11 @@ MCU_PHASES: Final = ("compile", "emulate", "run on this host", "count cycles")
 
 @dataclass(frozen=True, kw_only=True)
 class Measurement:
-    """The time and memory that a control step needs on the core when all iterations run.
-
-    Attributes:
-        ram_bytes: linked RAM plus the stack.
-        multiply_accumulates: number of products with weights, computed from the networks' sizes.
-        instructions: executed instructions, exact and equal for all steps in which all iterations run.
-        cycles: modelled cycles (`firmware_sim.mcu.pipeline`).
-        one_per_cycle_ms: time of a step if each instruction took one cycle, by clock rate in MHz.
-        modelled_ms: time of a step with `cycles`, by clock rate in MHz.
-        steps: number of control steps compared with the host.
-        identical: whether all outputs were equal bit for bit.
-        action_difference, cost_difference: largest differences from the host's outputs.
-    """
+    """The time and memory that a control step needs on the core when all iterations run. `ram_bytes` includes the
+    stack. `multiply_accumulates` are products with weights, computed from the networks' sizes. Executed `instructions`
+    are exact, and equal for all these steps; `cycles` are modelled (`firmware_sim.mcu.pipeline`). The times of a step,
+    with one cycle per instruction and with `cycles`, are by clock rate in MHz. `identical` is whether all outputs of
+    `steps` control steps equal the host's bit for bit; the differences are the largest of these steps."""
 
     precision: str
     program_sha256: str

@@ -18,10 +18,8 @@ from contract.release.checks import Bundle
 from contract.typed import typed
 from ecu.calibrating import with_calibration
 
-_PACKAGES: Final = ("stillwake", "onnxruntime", "numpy", "numba", "python-can")
-"""Packages whose versions a run records, because they affect its results."""
-_UNUSED: Final = ("forcing", "model", "train", "mpc")
-"""Sections of the configuration that a run does not use. The settings of `mpc` come from the bundle instead."""
+_PACKAGES: Final = ("stillwake", "onnxruntime", "numpy", "numba", "python-can")  # their versions affect results
+_UNUSED: Final = ("forcing", "model", "train", "mpc")  # sections that a run does not use; `mpc` comes from the bundle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +69,7 @@ class RunMetadata:
     """The description of a run, which is stored with its series. `controller` has name, precision and short digest of
     the bundle, `computed_by` the runtime that computes the control step, `signer` the fingerprint of the key that
     signed the bundle, if any. The sensors are in the order of the Pressure message. `mpc` is from the bundle; `weights`
-    are those that the ECU used. `budget_ms` is the longest allowed time from a pressure frame to the ECU's command.
-    `drive` is None for a run at a constant speed."""
+    are those that the ECU used. `budget_ms` is the longest allowed time from a pressure frame to the ECU's command."""
 
     controller: str
     digest: str

@@ -18,9 +18,7 @@ from contract.atomic import replacing
 _LIVE: Final = ("firmware_sim.live", "page")
 _OWN: Final = ("firmware_sim.runs.run_page", "page")
 _STYLES: Final = (
-    (*_LIVE, "vendor/uPlot.min.css"),
-    (*_LIVE, "widgets/theme.css"),
-    (*_LIVE, "widgets/widgets.css"),
+    *((*_LIVE, name) for name in ("vendor/uPlot.min.css", "widgets/theme.css", "widgets/widgets.css")),
     (*_OWN, "report.css"),
 )
 _WIDGETS: Final = (

@@ -34,20 +34,12 @@ WITHOUT: Final = ("without_Cd", "without_Cd_net", "without_Cl")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Row:
-    """The values of one control period.
-
-    Attributes:
-        sample: sample of the plant at the period's start.
-        command: action that the ECU sent for this sample, in U_inf W; NaN if the ECU skipped the step.
-        predicted_Cd, predicted_Cl: the controller's forecast for the next sample; NaN without a plan.
-        mode: `can_bridge.wire.messages.Mode` of the ECU after its latest step.
-        reason: `can_bridge.wire.messages.Reason` for which the ECU was not in control after this step.
-        step_ms: wall-clock time of the ECU's step on this machine; NaN if the ECU skipped the step.
-        age_ms: virtual time from the sampling of pressures to the arrival of the command computed from them; NaN if no
-            command arrived in this period.
-        set_aside: sensors that the ECU has excluded as faulty; bit i is sensor i of the bundle.
-        speed: speed of the vehicle at the period's start, in m/s.
-    """
+    """The values of one control period. `sample` and `speed` (of the vehicle, m/s) are from the period's start.
+    `command` is the action in U_inf W that the ECU sent for this sample, `step_ms` the wall-clock time of its step on
+    this machine; NaN if it skipped the step. The predictions are the controller's forecast for the next sample; NaN
+    without a plan. `mode` and `reason` are the ECU's `Mode` and `Reason` (`can_bridge.wire.messages`) after its latest
+    step. `age_ms` is the virtual time from the sampling of pressures to the arrival of the command computed from them;
+    NaN if no command arrived in this period. Bit i of `set_aside` is 1 if the ECU has excluded the sensor i."""
 
     sample: Sample
     command: float
@@ -134,8 +126,7 @@ class WaitingTimes:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunLog:
     """A finished run of n periods. `series` has arrays by name: those in `COLUMNS`, shape (n,), `WALL` if the sensors
-    were recorded, and those in `WITHOUT` for a drive. `enabled_at` is the index of the first row in which control is
-    requested; n if it is never requested."""
+    were recorded, `WITHOUT` for a drive. `enabled_at` is the first row in which control is requested; n if none is."""
 
     series: Mapping[str, Array]
     enabled_at: int

@@ -14,10 +14,8 @@ from contract.ledger import ledger_of
 from firmware_sim.runs.run_log import WITHOUT, RunLog
 from wake.truck.averages import CycleAverage, over_cycles, over_last_cycles
 
-_ROUNDING: Final = 1e-9
-"""Largest difference in t_c between a sum of two spans and a sample's time that is treated as a rounding error."""
-_SLOW: Final = 0.1
-"""Share of the design speed below which |Cl| in units of the present dynamic pressure is left out of the mean."""
+_ROUNDING: Final = 1e-9  # largest rounding error in t_c of the difference between a sum of spans and a sample's time
+_SLOW: Final = 0.1  # share of the design speed below which |Cl| at the present speed is left out of the mean
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,19 +141,13 @@ def rounded(value: float | None, decimals: int = 6) -> float | None:
 
 @dataclass(frozen=True, kw_only=True)
 class DriveTotals:
-    """The totals of a drive, from the end of the settling time after the request for control to the end of the drive.
-    Energies are in kJ per km of road for each metre of the vehicle's height. Such an energy equals the mean force along
-    the road in N per metre of height.
-
-    Attributes:
-        drag_kJ_per_km, drag_kJ_per_km_without: energy to overcome the wall's drag, with and without control.
-        jets_kJ_per_km: energy that the jets give to the flow; negative if they take energy from the flow.
-        net_kJ_per_km, net_kJ_per_km_without: energy of the jets, plus energy to overcome the drag of wall, slots and
-            jet momentum; with and without control.
-        reduction_percent, net_reduction_percent: percentages by which control reduces the drag energy and net energy.
-        abs_Cl, abs_Cl_without: mean of |Cl| in units of the present speed's dynamic pressure, with and without control.
-        in_control_percent: percentage of the periods in control; the energies include all periods.
-    """
+    """The totals of a drive, from the end of the settling time after the request for control to the end of the drive,
+    with control and (`_without`) with shut jets. Energies are in kJ per km of road for each metre of the vehicle's
+    height, which equals the mean force along the road in N per metre of height: to overcome the wall's drag (`drag`);
+    given to the flow by the jets (`jets`, negative if they take energy from it); of the jets, plus the energy to
+    overcome the drag of wall, slots and jet momentum (`net`). The reductions by control are those of `drag` and `net`.
+    `abs_Cl` is the mean of |Cl| in units of the present speed's dynamic pressure. `in_control_percent` is of the
+    periods; the energies include all of them."""
 
     name: str
     mean_speed_m_per_s: float

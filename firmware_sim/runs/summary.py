@@ -5,20 +5,10 @@ from math import isnan
 from typing import Any, Final
 
 from contract.config import loading
+from firmware_sim.runs import statistics
 from firmware_sim.runs.control import control, held_while_averaged, set_aside, trouble
 from firmware_sim.runs.metadata import RunMetadata
 from firmware_sim.runs.run_log import RunLog
-from firmware_sim.runs.statistics import (
-    Averages,
-    DriveTotals,
-    NoAverages,
-    actuator_delay_ms,
-    averages,
-    drive_totals,
-    latency,
-    rounded,
-    sample_to_jets_ms,
-)
 
 _DRAG_ROWS: Final = (
     ("mean Cd (wall)", "Cd", ".4f"),
@@ -35,17 +25,17 @@ _DRAG_ROWS: Final = (
 """Label, field of `Regime`, and number format of each row. In a label, {probe} is the position of the wake probe."""
 _ECUS: Final = {"python": "in Python", "c": "in C, on this machine", "mcu": "in C, on an emulated Cortex-M7"}
 ENOUGH_CYCLES: Final = 2
-"""Smallest number of cycles that an average needs, because drag varies by several per cent between cycles."""
-_STILL: Final = 0.01
-"""Rms action, as a share of the limit, below which the jets count as still. A working controller reaches about 0.5."""
+"""Smallest number of cycles that an average needs, because drag varies by several per cent between cycles. A span of
+two cycles contains a whole cycle in any phase."""
+_STILL: Final = 0.01  # rms action of still jets, as a share of the limit; a working controller reaches about 0.5
 
 
 def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:
     """Return (quantity, value without control, value under control) as text, or the reason for missing averages."""
-    if (drive := drive_totals(log)) is not None:
+    if (drive := statistics.drive_totals(log)) is not None:
         return _drive_rows(drive)
-    means = averages(log)
-    if isinstance(means, NoAverages):
+    means = statistics.averages(log)
+    if isinstance(means, statistics.NoAverages):
         return [(means.why, "", "")]
     probe = "({:g}, {:g})".format(*log.metadata.config.body.wake_probe)
     return [
@@ -54,7 +44,7 @@ def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:
     ]
 
 
-def _drive_rows(drive: DriveTotals) -> list[tuple[str, str, str]]:
+def _drive_rows(drive: statistics.DriveTotals) -> list[tuple[str, str, str]]:
     way = f"{drive.distance_m / 1e3:.3f} km at {drive.mean_speed_m_per_s:.2f} m/s"
     return [
         (f"drive {drive.name}", way, f"{way}, in control {drive.in_control_percent:.1f} %"),
@@ -72,7 +62,8 @@ def _drive_rows(drive: DriveTotals) -> list[tuple[str, str, str]]:
 
 def service_rows(log: RunLog) -> list[tuple[str, str]]:
     """Return (quantity, value) as text for each row about the bus and the ECU."""
-    run, timing, longest, delay = log.metadata, latency(log), sample_to_jets_ms(log), actuator_delay_ms(log)
+    run, timing, longest = log.metadata, statistics.latency(log), statistics.sample_to_jets_ms(log)
+    delay = statistics.actuator_delay_ms(log)
     times = f"{timing.p50:.2f} / {timing.p90:.2f} / {timing.p99:.2f} / {timing.max:.2f} ms"
     measured = times if timing.steps else "no control step ran"
     # For an emulated core, the time that the emulation takes on this machine is not compared with the budget.
@@ -118,9 +109,9 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
 
 def headline(log: RunLog) -> str:
     """Summarise the run, problems first. Warn about a reduction unless control was held and side force fell."""
-    warning, means = trouble(log), averages(log)
-    text = means.why if isinstance(means, NoAverages) else _judged(log, means)
-    if (drive := drive_totals(log)) is not None:
+    warning, means = trouble(log), statistics.averages(log)
+    text = means.why if isinstance(means, statistics.NoAverages) else _judged(log, means)
+    if (drive := statistics.drive_totals(log)) is not None:
         less, net = (
             f"{abs(percent):.1f} % {'more' if percent < 0 else 'less'}"
             for percent in (drive.reduction_percent, drive.net_reduction_percent)
@@ -132,14 +123,17 @@ def headline(log: RunLog) -> str:
     times = [f"{name} from t = {log.series['t'][period]:.1f} t_c on" for name, period in set_aside(log)]
     without = f"The ECU set aside {', '.join(times)}." if times else None
     short = None
-    if not isinstance(means, NoAverages) and (count := min(means.before.cycles, means.under.cycles)) < ENOUGH_CYCLES:
+    if (
+        isinstance(means, statistics.Averages)
+        and (count := min(means.before.cycles, means.under.cycles)) < ENOUGH_CYCLES
+    ):
         short = f"Too short to judge by: cycles averaged {count}, at least {ENOUGH_CYCLES} are needed."
     faults = "; ".join(one.text for one in log.metadata.faults)
     disturbed = f"Disturbed ({faults})." if faults else None
     return " ".join(part for part in (warning, disturbed, without, text, short) if part is not None)
 
 
-def _judged(log: RunLog, found: Averages) -> str:
+def _judged(log: RunLog, found: statistics.Averages) -> str:
     before, under = found.before, found.under
     drag = f"Wall drag {before.Cd:.3f} to {under.Cd:.3f}"
     if not held_while_averaged(log, found.averaged):
@@ -202,10 +196,10 @@ def _charged(run: RunMetadata) -> str:
 def summary(log: RunLog) -> dict[str, Any]:
     """Return the measured figures that `stillwake run --json` prints. An unknown figure is null. `reduction_percent` is
     null unless the controller was in control in all averaged periods."""
-    metadata, held, drive, timing = log.metadata, control(log), drive_totals(log), latency(log)
+    metadata, held, drive, timing = log.metadata, control(log), statistics.drive_totals(log), statistics.latency(log)
     names = ("overruns", "missed", "crc_errors", "not_authentic", "bus_off")
     counted = {name: getattr(metadata.status, name) for name in names}
-    waits = {name: rounded(wait) for name, wait in log.traffic.longest_wait_ms.items()}
+    waits = {name: statistics.rounded(wait) for name, wait in log.traffic.longest_wait_ms.items()}
     return {
         "headline": headline(log),
         "trouble": trouble(log),
@@ -217,12 +211,12 @@ def summary(log: RunLog) -> dict[str, Any]:
         "periods_warm_up": held.warm_up,
         **_averaged(log),
         "drive": None if drive is None else drive.rounded(),
-        **{f"mpc_ms_{name}": rounded(getattr(timing, name)) for name in ("p50", "p90", "p99", "max")},
+        **{f"mpc_ms_{name}": statistics.rounded(getattr(timing, name)) for name in ("p50", "p90", "p99", "max")},
         "mpc_budget_ms": metadata.budget_ms,
         "compute_time_ms": metadata.config.ecu.compute_time_ms,
-        "sample_to_jets_ms_max": rounded(sample_to_jets_ms(log)),
+        "sample_to_jets_ms_max": statistics.rounded(statistics.sample_to_jets_ms(log)),
         "counters": {**counted, "frames_lost": log.bus.lost, "frames_rejected": log.bus.rejected},
-        "bus": {**asdict(log.traffic), "load": rounded(log.traffic.load), "longest_wait_ms": waits},
+        "bus": {**asdict(log.traffic), "load": statistics.rounded(log.traffic.load), "longest_wait_ms": waits},
         "injected_faults": [asdict(one) for one in metadata.faults],
         "fault_seed": metadata.fault_seed,
         "frames_sent": log.bus.sent,
@@ -257,9 +251,9 @@ _BOTH: Final = ("Cd", "base_Cp", "abs_Cl", "mean_Cl", "Cd_net", "cycles")
 
 
 def _averaged(log: RunLog) -> dict[str, float | None]:
-    found = averages(log)
+    found = statistics.averages(log)
     claimed = before = under = None
-    if isinstance(found, Averages):
+    if isinstance(found, statistics.Averages):
         before, under = found.before, found.under
         claimed = found.reduction_percent if held_while_averaged(log, found.averaged) else None
     parts = (("uncontrolled", before), ("controlled", under))
@@ -267,4 +261,4 @@ def _averaged(log: RunLog) -> dict[str, float | None]:
     values |= {"reduction_percent": claimed, "rms_action": getattr(under, "rms_action", None)}
     values |= {"jet_power_controlled": getattr(under, "jet_power", None)}
     values |= {"shedding_frequency": getattr(before, "frequency", None)}
-    return {name: rounded(value) for name, value in values.items()}
+    return {name: statistics.rounded(value) for name, value in values.items()}

@@ -26,8 +26,7 @@ MOST_STILLS: Final = 640
 MIDDLE: Final = 128
 """Grey value of level 0."""
 _WEBP: Final = {"quality": 85, "method": 2}
-_SAME_TIME: Final = 1e-6
-"""Largest difference in t_c of two times that are treated as equal."""
+_SAME_TIME: Final = 1e-6  # largest difference in t_c of two times that are treated as equal
 
 
 @dataclass(frozen=True, kw_only=True)

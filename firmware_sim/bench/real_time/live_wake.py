@@ -23,12 +23,10 @@ from ecu.real_time.privileges import stay_ordinary
 from wake.plant.drive import Drive
 from wake.truck.truck_wake import TruckWake
 
-_ROOM: Final = 0.9
-"""Share of a control period that the solver may take without a warning; transfers and other processes need the rest."""
+_ROOM: Final = 0.9  # share of a control period that the solver may take without a warning; transfers need the rest
 COARSE: Final = (0.75, 15)
 """Grid refinement and time steps per period of the fastest plant that is fine enough (docs/explanation/solver.md)."""
-_LONGEST_END_S: Final = 5.0
-"""Longest wait in s for the end of the solver's process, which may first have to finish a control period."""
+_LONGEST_END_S: Final = 5.0  # longest wait in s for the solver's process, which may have to finish a control period
 
 
 class Speed(NamedTuple):

@@ -24,8 +24,7 @@ from wake.plant.drive import Drive
 
 LEAD_IN_NS: Final = 50_000_000
 """Time in ns from the start of the loop to its first sampling instant."""
-_ROOM: Final = 4096
-"""Largest number of frames stored in a period, about as many as a fully loaded classic bus carries in one second."""
+_ROOM: Final = 4096  # frames stored in a period, about as many as a full classic bus carries in one second
 WRITTEN_EVERY: Final = 500
 """Number of periods between two writes of the freshness file: 500 periods of 20 ms are ten seconds."""
 

@@ -1,7 +1,6 @@
 """A vehicle in real time: at every sampling instant it sends the pressures, and its jets follow the latest command. The
-pressures are from a recording or a live wake. Long runs need no more memory than short runs. Period k begins at the
-absolute instant t_k. A frame that arrived before t_k belongs to period k - 1, even if this process woke late. The
-checks in the jets' driver, `VehicleNode`, count periods, as in virtual time."""
+pressures are from a recording or a live wake. Period k begins at the absolute instant t_k. A frame that arrived before
+t_k belongs to period k - 1, even if this process woke late. `VehicleNode` counts periods, as in virtual time."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -103,19 +102,12 @@ class Durations:
 
 @dataclass(kw_only=True, eq=False)
 class VehicleFigures:
-    """The counts of one run.
-
-    Attributes:
-        left_out: periods that the vehicle did not start, because it was late by at least half a period.
-        unsampled: periods without pressures, because the live wake was late, or this process paused.
-        misses: periods without a valid command, counted from the first valid command on.
-        at_once: commands that acted in the period of their arrival.
-        unsent: pressure frames that the bus did not accept.
-        ages: times from the sampling of a command's pressures to the command's arrival.
-        lateness: delays of the sampling after its scheduled instant.
-        ended, squares: number of ended periods, and the sum of their squared actions in (U_inf W)^2.
-        largest: largest magnitude of an action, in U_inf W.
-    """
+    """The counts of one run: started periods; periods left out, because the vehicle was late by at least half a period;
+    periods unsampled, because the live wake was late or this process paused; valid commands; periods after the first
+    valid command that missed one; commands that acted in the period of their arrival (`at_once`); pressure frames that
+    the bus did not accept (`unsent`). `ages` are the times from the sampling of a command's pressures to its arrival,
+    `lateness` those from the scheduled instant to the sampling. `squares` is the sum over the `ended` periods of the
+    squared action in (U_inf W)^2, `largest` the largest magnitude of an action in U_inf W."""
 
     periods: int = 0
     left_out: int = 0
@@ -183,8 +175,7 @@ class VehicleLoop:
         self.heard = Heard()
 
     def period(self, *, enable_request: bool) -> None:
-        """Wait for the next sampling instant and run its period. Raises BusError if the bus is lost (UNSENT_LIMIT), and
-        PlantError if the live wake failed."""
+        """Wait for the next sampling instant and run its period. Raises BusError if the bus is lost (UNSENT_LIMIT)."""
         due_ns = self._next_instant()
         self._end_period(due_ns)
         if self._stage_times is not None:

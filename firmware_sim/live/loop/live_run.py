@@ -28,8 +28,7 @@ from wake.plant.protocol import LivePlant, LoopPlant
 from wake.plant.sample import Sample
 from wake.truck.averages import over_cycles, over_last_cycles
 
-_NEEDS_A_RISE = (OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.FAULT)
-"""Modes that the ECU leaves only when the request for control changes from low to high."""
+_NEEDS_A_RISE = (OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.FAULT)  # left only when the request rises
 BOOT_S: Final = 0.2
 """Virtual time in s from power-on to the ECU's first step; it equals the default of the disturbance `reset`."""
 _FOR_GOOD_NS: Final = 10**18
@@ -38,11 +37,10 @@ _AVERAGES_EVERY: Final = 5
 
 @dataclass(kw_only=True)
 class ControlRequest:
-    """The request for control in one run of the loop. It begins after `lead_in` periods, unless a viewer who sets the
-    request has ended the lead-in early (`waits`). The ECU needs `rearm_frames` consecutive good frames before a request
-    clears a latched fault. With `rearming`, the request stays low until the ECU will accept a high request. Before the
-    period `helped_until`, a new request clears latched faults automatically. `first` is the period of the first request
-    for control; None before this request."""
+    """The request for control in one run of the loop. It begins after `lead_in` periods (while `waits`), unless a
+    viewer sets it earlier. The ECU needs `rearm_frames` consecutive good frames before a request clears a latched
+    fault. With `rearming`, the request stays low until the ECU will accept a high request. Before the period
+    `helped_until`, a new request clears latched faults automatically. `first` is the period of the first request."""
 
     lead_in: int
     rearm_frames: int

@@ -235,10 +235,9 @@ class StreamSocket(Socket):
     async def _send(self) -> None:
         supervisor = self.served.supervisor
         viewer = Viewer(supervisor.hub)
-        with suppress(WebSocketClosedError), supervisor.watched() as changed:
+        with suppress(WebSocketClosedError):
             while True:
-                changed.clear()
-                is_any = False
+                changed, is_any = supervisor.changed, False
                 for stream in STREAMS:
                     if (message := viewer.take(stream)) is not None:
                         is_any = True

@@ -23,8 +23,7 @@ from firmware_sim.live.loop.messages import LiveAnswer, LiveMessage, Request
 if TYPE_CHECKING:
     from firmware_sim.live.session import LiveSession
 
-_IDLE_S: Final = 0.02
-"""Time in s between two steps of a session that computes no periods at present, for example a paused session."""
+_IDLE_S: Final = 0.02  # time in s between two steps of a session that computes no periods, such as a paused session
 MakeSession = Callable[[Callable[[str], None]], "LiveSession"]
 """Function that creates the session in the loop's process, given a function that shows a line of text to viewers."""
 LONGEST_END_S: Final = 3.0
@@ -33,8 +32,7 @@ LONGEST_END_S: Final = 3.0
 
 def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
     """Run the process until the pipe is closed or the session fails. It sends pairs: ("messages", list), ("answer",
-    (number, Answer)) and, as the last pair, ("ended", error). It receives pairs of a number and a request as JSON. With
-    `fast` a period may take less time than on a vehicle."""
+    (number, Answer)) and, as the last pair, ("ended", error). It receives pairs of a number and a request as JSON."""
     # `os._exit` ends the process at once. An exception might be raised in a callback, where Python only prints it.
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
     # `started` blocked SIGTERM and SIGINT (Ctrl-C). SIGINT stays blocked, because the server ends this process.

@@ -23,8 +23,7 @@ LOOK_S: Final = 0.1
 """Time in s between two calls of `is_stopped`."""
 PING_S: Final = 20.0
 """Time in s between two WebSocket pings to a viewer."""
-_IDLE_S: Final = 10.0
-"""Time in s after which a connection without a complete request is closed."""
+_IDLE_S: Final = 10.0  # time in s after which a connection without a complete request is closed
 MOST_CONNECTIONS: Final = 128
 """Largest number of connections: four per viewer. This is half of the lowest usual limit of open files per process."""
 

@@ -5,10 +5,9 @@ import asyncio
 import signal
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from itertools import count
+from itertools import count, islice
 from typing import Any, Final
 
 from contract.errors import StillwakeError
@@ -20,8 +19,7 @@ STREAMS: Final = ("loop", "hello", "settings", "events", "periods", "now", "bus"
 """The order in which a viewer gets the streams; `hello` states the run to which the later streams belong."""
 MOST_ROWS: Final = 500
 """Largest number of periods, or of events, in one message. A longer message would keep a new viewer waiting."""
-_KEPT: Final = {"events": 500, "periods": KEPT_PERIODS}
-"""Largest number of stored items of these two streams. Of every other stream only the newest message is stored."""
+_KEPT: Final = {"events": 500, "periods": KEPT_PERIODS}  # items; of another stream only the newest one
 SHORT_LIFE_S: Final = 20.0
 """Shortest time in s for which a loop must have run to be started again after a failure."""
 MOST_WAITING: Final = 32
@@ -30,29 +28,40 @@ STARTING: Final = "the loop starts; the first time, the flow solver is compiled,
 
 
 class Hub:
+    """The newest items of each stream. A stream's items are counted from its start, also those no longer stored."""
+
     def __init__(self) -> None:
-        self._streams = {stream: Ring(_KEPT.get(stream, 1)) for stream in STREAMS}
+        self._streams = {stream: deque[Any](maxlen=_KEPT.get(stream, 1)) for stream in STREAMS}
+        self._counts = dict.fromkeys(STREAMS, 0)
         self._run = 0
 
     def put(self, messages: Iterable[LiveMessage | bytes]) -> None:
         for message in messages:
             if isinstance(message, bytes):
-                self._streams[PICTURE].extend([message])
+                self._add(PICTURE, [message])
             elif message["type"] == "periods":
                 columns = (message["columns"][name] for name in PERIOD_COLUMNS)
-                self._streams["periods"].extend(zip(*columns, strict=True))
+                self._add("periods", list(zip(*columns, strict=True)))
             elif message["type"] == "events":
-                self._streams["events"].extend(message["items"])
+                self._add("events", message["items"])
             else:
                 if message["type"] == "hello":
                     self._run = message["run"]
                     for stream in ("events", "periods", "now", "bus", PICTURE):
                         self._streams[stream].clear()
-                self._streams[message["type"]].extend([message])
+                self._add(message["type"], [message])
+
+    def _add(self, stream: str, items: Sequence[Any]) -> None:
+        self._streams[stream].extend(items)
+        self._counts[stream] += len(items)
 
     def after(self, stream: str, count: int) -> tuple[LiveMessage | bytes | None, int]:
         """Return what a stream received after its first `count` items (or None), and the count for the next call."""
-        items, count = self._streams[stream].after(count, MOST_ROWS)
+        kept, last = self._streams[stream], self._counts[stream]
+        first = last - len(kept)
+        begin = max(count, first)
+        items = list(islice(kept, begin - first, begin - first + MOST_ROWS))
+        count = begin + len(items)
         if not items:
             return None, count
         if stream == "periods":
@@ -79,33 +88,10 @@ class Viewer:
         return message
 
 
-class Ring:
-    """A ring buffer of the newest items, which are numbered from 1 in the order of their arrival."""
-
-    def __init__(self, kept: int) -> None:
-        self._items = deque[Any](maxlen=kept)
-        self._count = 0
-
-    def extend(self, items: Iterable[Any]) -> None:
-        for item in items:
-            self._items.append(item)
-            self._count += 1
-
-    def clear(self) -> None:
-        """Delete all items; the numbering continues."""
-        self._items.clear()
-
-    def after(self, count: int, most: int) -> tuple[list[Any], int]:
-        """Return at most `most` items with numbers above `count`, oldest first, and the number of the last item."""
-        first = self._count - len(self._items)
-        begin = max(count, first)
-        end = min(begin + most, self._count)
-        return [self._items[i - first] for i in range(begin, end)], max(end, count)
-
-
 class Supervisor:
     """The supervisor of one loop, for use inside one event loop. `report` is called with a line about any work for
-    which viewers have to wait, and with the reason if the loop ends."""
+    which viewers have to wait, and with the reason if the loop ends. When the hub gets new content, the event `changed`
+    is set and replaced."""
 
     def __init__(
         self,
@@ -117,7 +103,7 @@ class Supervisor:
     ) -> None:
         self.hub = Hub()
         self._make, self._fast, self._report, self._short_life_s = make, fast, report, short_life_s
-        self._watching = set[asyncio.Event]()
+        self.changed = asyncio.Event()
         self._waiting = dict[int, asyncio.Future[LiveAnswer]]()
         self._numbers = count(1)
         self._send: Callable[[tuple[int, str]], asyncio.Future[None]] | None = None
@@ -183,16 +169,6 @@ class Supervisor:
         finally:
             self._waiting.pop(number, None)
 
-    @contextmanager
-    def watched(self) -> Iterator[asyncio.Event]:
-        """Yield an event that is set whenever the hub has new content."""
-        event = asyncio.Event()
-        self._watching.add(event)
-        try:
-            yield event
-        finally:
-            self._watching.discard(event)
-
     def _hear(self, messages: Sequence[LiveMessage | bytes]) -> None:
         self.hub.put(messages)
         for message in messages:
@@ -206,8 +182,8 @@ class Supervisor:
                 item = {"n": -1, "time_s": 0.0, "t": 0.0, "kind": "loop", "text": self._why}
                 self.hub.put([{"type": "events", "run": message["run"], "items": [item]}])
                 self._why = ""
-        for event in self._watching:
-            event.set()
+        self.changed.set()
+        self.changed = asyncio.Event()
 
     def _put(self, state: str, text: str) -> None:
         self._hear([{"type": "loop", "state": state, "text": text}])

@@ -39,8 +39,7 @@ _PAGE: Final = 4096
 _COUNTER, _RANDOM, _CAN, _FLASH, _CORE = 0x5C00_8000, 0x4802_1800, 0x4000_A000, 0x5200_2100, 0xE000_E000
 _STAMPS: Final = 0x4000_0400
 _READABLE: Final = unicorn_const.UC_PROT_READ
-_LONGEST_US: Final = 600_000_000
-"""Wall-clock time in us after which a core that is not asleep counts as failed."""
+_LONGEST_US: Final = 600_000_000  # wall-clock time in us after which a core that is not asleep counts as failed
 Part = Counter | RandomNumbers | StampTimer | CanController | FlashController | CoreRegisters
 
 

@@ -23,8 +23,7 @@ from firmware_sim.mcu.board.flash_controller import STM32H743, FlashBank, FlashT
 from firmware_sim.mcu.board.small_parts import SystemReset
 from firmware_sim.mcu.build import BUS_KEY, NO_COMPILER, Firmware, bus_key_header, compile_board, read_elf
 
-_SCRATCH: Final = SRAM + SRAM_BYTES - 16384
-"""Start of the memory, after all linked sections, for structs that this class passes to functions of the firmware."""
+_SCRATCH: Final = SRAM + SRAM_BYTES - 16384  # after all linked sections; for structs given to the firmware's functions
 LONGEST_UNSEEN_NS: Final = 20_000_000
 """Longest advance in ns between two reads of the bus. If its emulation takes longer, the board's time falls behind."""
 

@@ -29,8 +29,7 @@ _BITS, _EXTERNAL = 1, 2
 _RXF0S, _RXF0A, _TXFQS, _TXBRP, _TXBAR, _TXBCR, _TXBTO = 0xA4, 0xA8, 0xC4, 0xCC, 0xD0, 0xD4, 0xD8
 _DBTP, _NBTP, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, _TXBC = 0x0C, 0x1C, 0x80, 0x84, 0x88, 0x90, 0xA0, 0xC0
 _PLAIN: Final = {_DBTP, _NBTP, _TSCC, 0x48, 0x54, 0x5C, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, 0xBC, _TXBC, 0xC8}
-_PROTECTED: Final = _PLAIN - {0x54, 0x5C}
-"""Registers that only store values (`_PLAIN`), and those writable only while INIT and CCE are set (`_PROTECTED`)."""
+_PROTECTED: Final = _PLAIN - {0x54, 0x5C}  # writable only while INIT and CCE are set; `_PLAIN` only store values
 _INIT, _CCE, _BRSE = 1, 2, 0x200
 _RF0N, _RF0L, _BO = 1, 8, 1 << 25
 _XTD, _FDF, _BRS = 1 << 30, 1 << 21, 1 << 20
@@ -93,17 +92,11 @@ class CanController:
 
     def taken(self, until_ns: int) -> list[Frame]:
         """Return the frames sent since the last call, until `until_ns`; a time stamp is the end of its frame."""
-        self._sending.progress(until_ns)
-        left = [replace(frame, timestamp_ns=end_ns) for frame, end_ns in self._sending.left]
-        self._sending.left.clear()
-        return left
+        return [replace(frame, timestamp_ns=end_ns) for frame, end_ns in self._sending.taken(until_ns)]
 
     def handed_over(self) -> list[Frame]:
         """Return all waiting frames, stamped with the times of their requests, for a bus that is modelled elsewhere."""
-        self._sending.progress(_EVER_NS)
-        left = [frame for frame, _ in self._sending.left]
-        self._sending.left.clear()
-        return left
+        return [frame for frame, _ in self._sending.taken(_EVER_NS)]
 
     def read(self, offset: int) -> int:
         """Read a register or a word of the message RAM; raises McuError for a register that is not modelled."""
@@ -222,15 +215,14 @@ class TransmitBuffers:
     """The Tx buffer elements of an M_CAN: first `dedicated` dedicated buffers, then a FIFO of `size` elements.
     `element` returns the frame in an element, `duration_ns` the time in ns from its start until the next may start.
     `pending` and `transmitted` have the bits of elements that wait to be sent, and that were sent since their last
-    request. `put` is the FIFO's next free element. No frame is started unless `is_on`. `left` has the sent frames in
-    order, each stamped with the time of its request, and with the end of its transmission in ns."""
+    request. `put` is the FIFO's next free element. No frame is started unless `is_on`."""
 
     def __init__(self, element: Callable[[int], Frame], duration_ns: Callable[[Frame], int]) -> None:
         self._element, self._duration_ns = element, duration_ns
         self.dedicated = self.size = self.put = 0
         self.pending = self.transmitted = 0
         self.is_on = False
-        self.left = list[tuple[Frame, int]]()
+        self._left = list[tuple[Frame, int]]()
         self._asked = dict[int, Frame]()
         self._order = list[int]()
         self._wire: _OnWire | None = None
@@ -271,6 +263,13 @@ class TransmitBuffers:
         if not is_on:
             self._wire = None
 
+    def taken(self, until_ns: int) -> list[tuple[Frame, int]]:
+        """Return the frames sent since the last call, stamped with their requests, and the ends of transmission in ns.
+        Transmissions are simulated until `until_ns`."""
+        self.progress(until_ns)
+        left, self._left = self._left, []
+        return left
+
     def progress(self, now_ns: int) -> None:
         """Simulate the transmissions until `now_ns`."""
         while True:
@@ -278,7 +277,7 @@ class TransmitBuffers:
                 index, frame, self._free_ns = self._wire
                 if self._free_ns > now_ns:
                     return
-                self.left.append((frame, self._free_ns))
+                self._left.append((frame, self._free_ns))
                 self.transmitted |= 1 << index
                 self._wire = None
                 self._drop(1 << index)

@@ -8,8 +8,7 @@ finds an error that cannot be corrected. Such a read is a bus fault, unless the 
 
 During an operation SR2 shows BSY and QW. The time advances with each read of SR2, so that a core that polls SR2 makes
 progress. A core that reads this bank during an operation stalls until the operation has ended. The core can read the
-other bank meanwhile, but each bank executes only one operation at a time. The start of an operation before the end of
-the previous one is an error.
+other bank meanwhile. The start of an operation before the end of the previous one in this bank is an error.
 
 Modelled: KEYR2 (both keys), CR2 (LOCK, PG, SER, SNB, START), SR2 (BSY, WBNE, QW, WRPERR, PGSERR, STRBERR, INCERR,
 DBECCERR), CCR2, ECC_FA2R. Not modelled: erasing a bank.
@@ -29,8 +28,7 @@ WORD: Final = 32
 _KEYS: Final = (0x4567_0123, 0xCDEF_89AB)
 _LOCK, _PG, _SER, _START = 1, 2, 4, 1 << 7
 _BSY, _WBNE, _QW = 1, 2, 4
-_LOOK_NS: Final = 5_000
-"""Time in ns by which a read of SR2 advances the clock during an operation; it is long, so few reads are needed."""
+_LOOK_NS: Final = 5_000  # time in ns by which a read of SR2 advances the clock; it is long, so few reads are needed
 _PGSERR, _STRBERR, _INCERR, _DBECCERR = (1 << bit for bit in (18, 19, 21, 26))
 _ERRORS: Final = 0x0FFF_0000
 
@@ -52,8 +50,7 @@ STM32H743: Final = FlashTimes()
 
 
 class FlashBank:
-    """The contents of a flash bank, and the states of its words (0 erased, 1 programmed, 2 unreadable), which survive a
-    loss of supply."""
+    """The contents of a flash bank, and the states of its words: 0 erased, 1 programmed, 2 unreadable."""
 
     def __init__(self) -> None:
         self.content = bytearray(b"\xff" * SECTOR * SECTORS)

@@ -1,5 +1,5 @@
-"""The counter, the timer of time stamps, the random number generator and the core's own registers, as far as the
-firmware uses them."""
+"""The board's counter, timer of time stamps, random number generator and core registers, as the firmware uses them.
+`read` and `write` of a register, at an offset in bytes, raise McuError if the register is not modelled."""
 
 import random
 from collections.abc import Callable
@@ -19,20 +19,18 @@ class SystemReset(Exception):  # noqa: N818
 
 class Counter:
     """The generic counter of Arm (CNTReadBase: CNTCV) at 1 GHz, followed by a compare register. The core's sleep ends
-    when the counter reaches the compare value. Both have two words, the low word first."""
+    when the counter reaches the compare value. Both have two words, the low word first, at offsets 0 and 8."""
 
     def __init__(self, now_ns: int = 0) -> None:
         self.now_ns, self.compare_ns = now_ns, 0
 
     def read(self, offset: int) -> int:
-        """Read a word of the counter (offset 0, 4) or the compare value (8, 12); raises McuError for other offsets."""
         if offset not in (0, 4, 8, 12):
             raise McuError(f"counter: no register at {offset:#x}")
         value = self.now_ns if offset < 8 else self.compare_ns
         return value >> 8 * (offset & 4) & 0xFFFF_FFFF
 
     def write(self, offset: int, value: int) -> None:
-        """Write a word of the compare value (offset 8, 12); raises McuError for other offsets."""
         if offset not in (8, 12):
             raise McuError(f"counter: no register to write at {offset:#x}")
         shift = 8 * (offset & 4)
@@ -40,7 +38,8 @@ class Counter:
 
 
 class StampTimer:
-    """The timer TIM3 of an STM32H743 at 240 MHz, which counts time stamps: CR1 (CEN), EGR (UG), CNT and PSC."""
+    """The timer TIM3 of an STM32H743 at 240 MHz, which counts time stamps: CR1 (CEN), EGR (UG), CNT and PSC. A new
+    prescaler acts after the next update event."""
 
     _CLOCK_MHZ: Final = 240
 
@@ -56,13 +55,11 @@ class StampTimer:
         return (at_ns - self._began_ns) * self._CLOCK_MHZ // (1000 * (self._prescaler + 1)) & 0xFFFF
 
     def read(self, offset: int) -> int:
-        """Read the count; raises McuError for another register."""
         if offset != 0x24:
             raise McuError(f"TIM3: no register to read at {offset:#x}")
         return self.count(self._now_ns())
 
     def write(self, offset: int, value: int) -> None:
-        """Write a register; raises McuError if it is not modelled. A new prescaler acts after the next update event."""
         if offset == 0x28:
             self._next = value
         elif offset == 0x14 and value == 1:
@@ -109,13 +106,12 @@ class CoreRegisters:
         return bool(self._kept[0xD14] & _BFHFNMIGN)
 
     def read(self, offset: int) -> int:
-        """Read a register; raises McuError if it is not modelled."""
         if offset not in self._kept:
             raise McuError(f"core: no register to read at {0xE000_E000 + offset:#x}")
         return self._kept[offset]
 
     def write(self, offset: int, value: int) -> None:
-        """Write a register; raises McuError if it is not modelled, and SystemReset if the firmware requests a reset."""
+        """Write a register. Raises SystemReset if the firmware requests a reset."""
         if offset == 0xD0C:
             if value == _RESET:
                 raise SystemReset

@@ -24,14 +24,11 @@ from firmware_sim.runs.summary import drag_rows, headline, service_rows, summary
 from firmware_sim.runs.wake_stills import WakeStills
 from wake.pictures.drawing import BLOWING, SUCKING, check_suffix
 
-_MOST_FRAMES: Final = 50_000
-"""Largest number of frames in a log whose messages a page shows. Reading such a log takes ten seconds."""
+_MOST_FRAMES: Final = 50_000  # longest log whose messages a page shows; reading such a log takes ten seconds
 _BUS_HEADS: Final = ("identifier", "message", "frames", "per s", "lost", "end-to-end checks")
-_MOST: Final = 6
-"""Largest number of runs on a page; with more runs the curves could not be distinguished."""
+_MOST: Final = 6  # largest number of runs on a page; with more runs the curves could not be distinguished
 NONE: Final = "\N{EN DASH}"
-_SAME: Final = "="
-"""Text in place of a difference that is zero when written in the figure's number format."""
+_SAME: Final = "="  # text in place of a difference that is zero when written in the figure's number format
 _FIGURES: Final = (
     ("mean Cd (wall), uncontrolled", "Cd_uncontrolled", ".4f"),
     ("mean Cd (wall), controlled", "Cd_controlled", ".4f"),
@@ -98,8 +95,7 @@ def write_report(folder: RunFolder, target: Path | None = None) -> Path:
 
 
 def wake_of(folder: RunFolder, log: RunLog) -> WakeStills | None:
-    """Read the recorded wake; return None for a folder of an earlier version. Raises StillwakeError if the file is
-    damaged, or its times differ from the times of the series."""
+    """Read the recorded wake; None for a folder of an earlier version. Raises StillwakeError if the file is damaged."""
     return wake_stills.load(folder.wake, log) if folder.wake.exists() else None
 
 
@@ -124,9 +120,8 @@ def _bus_rows(folder: RunFolder, log: RunLog) -> list[tuple[str, ...]]:
 
 
 def write_picture(folder: RunFolder, target: Path) -> None:
-    """Write one picture of the run: the wake before and under control, and drag and action over time. Its metadata have
-    the bundle's digest. Raises ConfigError if the target's suffix is not a picture format; StillwakeError if the folder
-    contains no run, or the target cannot be written."""
+    """Write one picture of the run: the wake before and under control, and drag and action over time. Raises
+    ConfigError for a suffix that is no picture format; StillwakeError without a run, or if writing fails."""
     check_suffix(target)
     run = read_run(folder)
     kind = target.suffix[1:].lower()
@@ -169,8 +164,7 @@ class Cell(NamedTuple):
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
-    """Return unique names of the runs, with parent folders if needed. Raises StillwakeError for a wrong number of runs,
-    or a run that is given twice."""
+    """Return unique names of the runs. Raises StillwakeError for a wrong number of runs, or a run given twice."""
     places = [Path(os.path.realpath(folder)) for folder in folders]
     if not 2 <= len(places) <= _MOST:
         raise StillwakeError(f"{len(places)} runs cannot be compared on a page; give between 2 and {_MOST} runs")

@@ -22,8 +22,7 @@ MOST_EVENTS: Final = 400
 """Largest number of events on a page; on a bus that loses frames, the mode can change very often."""
 _DOES: Final = {**DOES, SKIPPED: "the ECU was still computing or booting, and skipped the period"}
 _COLUMNS: Final = ("t", "Cd", "Cl", "base_Cp", "action", "mode", "step_ms", "speed")
-_DIGITS: Final = 5
-"""Number of decimals of the values; further decimals would not be visible on any screen."""
+_DIGITS: Final = 5  # number of decimals of the values; further decimals would not be visible on any screen
 _BINS: Final = 60
 
 

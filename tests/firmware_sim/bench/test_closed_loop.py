@@ -63,6 +63,12 @@ def test_the_folder_holds_the_run_and_its_page_can_be_written_again_from_it(run)
     times = [message.timestamp for message in messages]
     assert times == sorted(times)
     assert times[4] - times[0] == pytest.approx(0.02, abs=2e-6)
+    summary = json.loads((folder / "summary.json").read_text())
+    assert [summary[f"frames_{name}"] for name in ("sent", "lost", "rejected")] == [2 * PERIODS, 0, 0]
+    assert (summary["fault"], summary["modes"]) == (None, {"CONTROL": CONTROLLED})
+    # The developed wake's known ranges.
+    assert 0.9 < summary["Cd_uncontrolled"] < 1.3
+    assert -1.0 < summary["base_Cp_uncontrolled"] < -0.2
 
 
 def test_the_recorded_wake_is_the_flow_at_the_start_of_each_period(run, coarse):
@@ -76,15 +82,6 @@ def test_the_recorded_wake_is_the_flow_at_the_start_of_each_period(run, coarse):
             # The codec's loss; a period off, the far vortices alone differ by five times as much.
             assert np.sqrt(np.mean(error**2)) < 2.5, k
             wake.advance(0.0)
-
-
-def test_the_summary_is_of_this_run(run):
-    summary = json.loads((run[0] / "summary.json").read_text())
-    assert [summary[f"frames_{name}"] for name in ("sent", "lost", "rejected")] == [2 * PERIODS, 0, 0]
-    assert (summary["fault"], summary["modes"]) == (None, {"CONTROL": CONTROLLED})
-    # The developed wake's known ranges.
-    assert 0.9 < summary["Cd_uncontrolled"] < 1.3
-    assert -1.0 < summary["base_Cp_uncontrolled"] < -0.2
 
 
 def test_one_setting_authenticates_both_nodes_and_the_key_stays_where_it_is(short_release, coarse, tmp_path):

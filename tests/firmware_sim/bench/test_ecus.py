@@ -8,11 +8,8 @@ import numpy as np
 import pytest
 
 from benchmarks.ecu.ecu_loop import Lockstep
-from can_bridge.secoc.key import write_key
-from can_bridge.wire.messages import Mode
-from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
-from ecu.in_c.c_ecu import CEcu, ecu_sources
+from ecu.in_c.c_ecu import CEcu
 from ecu.in_c.compiler import zig_compiler
 from ecu.stepped import LoopEcu
 from firmware_sim.bench.ecus import MCU, C, check_ecu, loop_ecu
@@ -59,18 +56,6 @@ def test_a_core_whose_clock_starts_again_runs_as_at_first(release, sources):
         core.start_clock()
         core.ecu.restore(powered_on)
     np.testing.assert_array_equal(commands[0], commands[1])
-
-
-def test_with_a_key_the_vehicle_believes_the_ecu_in_c(release, tmp_path):
-    """`tests/ecu/in_c/test_secoc_in_c.py` shows that its frames are those of the ECU in Python."""
-    secret = bytes(range(1, 17))
-    write_key(tmp_path / "bus.key", secret)
-    config = replace(CONFIG, bus=BusConfig(key=str(tmp_path / "bus.key")))
-    own = ecu_sources(release.folder, release.bundle, config)
-    ecu = LoopEcu(ecu=CEcu(own, flags=("-O1", "-ffp-contract=off"), secret=secret), kind=C, computed_by="a test")
-    log = Simulation(release.bundle, config, spans=SPANS, ecu=ecu).run(LiveOscillator(config))
-    assert (log.bus.rejected, ecu.ecu.state.verifier.freshness) == (0, 1 << 32 | 24)
-    assert (log.series["mode"] == Mode.CONTROL).sum() > 10
 
 
 @pytest.mark.mcu

@@ -19,8 +19,8 @@ from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError, PlantError, StillwakeError
 from contract.release import bundle
-from firmware_sim.bench.disturbances import parse_disturbance
-from firmware_sim.bench.disturbing import LOOK_NS, NodeFaults
+from firmware_sim.bench.disturbances import Disturbances
+from firmware_sim.bench.disturbing import LOOK_NS, Disturbing
 from firmware_sim.bench.sensor_faults import GLOBAL_DEVIATION
 from firmware_sim.bench.simulation import Simulation, Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
@@ -161,16 +161,16 @@ def test_a_delay_that_looks_like_fresh_frames_shows_in_the_echo_and_one_that_doe
 def test_port_faults_act_between_the_calls_of_their_node():
     bus = SimulatedBus(BusConfig())
     vehicle, ecu = bus.port("vehicle"), bus.port("ecu")
-    delay: list[Any] = [parse_disturbance("ecu:delay:delay_s=0.002")]
-    port = NodeFaults(delay, bus, 0, {}).around("ecu", ecu)
+    delay = Disturbances.parse(["ecu:delay:delay_s=0.002"])
+    port = Disturbing(delay, CONFIG, NAMES, 0, {}).connect(bus)("ecu", ecu)
     vehicle.send(Frame(frame_id=1, data=b"", is_fd=True))
     # On a bus that is quiet no other event would let the loop look: within one look of the 2 ms.
     assert bus.advance_until(10_000_000, lambda: bool(port.receive_all()))
     assert 2_000_000 < bus.now_ns <= 2_000_000 + 200_000 + LOOK_NS
     bus = SimulatedBus(BusConfig())
     vehicle, ecu = bus.port("vehicle"), bus.port("ecu")
-    babble: list[Any] = [parse_disturbance("vehicle:babble@0..0.1")]
-    port = NodeFaults(babble, bus, 0, {}).around("vehicle", vehicle)
+    babble = Disturbances.parse(["vehicle:babble@0..0.1"])
+    port = Disturbing(babble, CONFIG, NAMES, 0, {}).connect(bus)("vehicle", vehicle)
     bus.advance_to(1_000_000)
     ecu.send(Frame(frame_id=1, data=b"", is_fd=True))
     bus.advance_to(100_000_000)

@@ -20,13 +20,13 @@ from firmware_sim.campaign.conduct import Campaign, RunTask, conduct, flow_distu
 from firmware_sim.campaign.folder import CampaignFolder
 from tests.firmware_sim.campaign.conftest import scenario_of
 from wake.truck.develop import start_from_rest
-from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 pytestmark = pytest.mark.slow  # runs of the solver
 TIMING = Spans(averages=False, lead_in=1.2, controlled=1.6, settle=0.8)
 LEAD_IN, PERIODS = 6, 14
 ROUGH = ("noise:level=0.5", "ecu:drop:probability=0.3", "gust:amplitude=0.1,period=1")
+ran: Any = run_task  # whose outcomes have results
 
 
 @pytest.fixture(scope="module")
@@ -41,10 +41,6 @@ def task_of(coarse):
         return RunTask(name="one", disturb=disturb, phase=0, seed=1, **given)
 
     return made
-
-
-def ran(task: RunTask, release: Bundle, start: State) -> Any:
-    return run_task(task, release, start)
 
 
 def test_a_run_without_control_is_the_solver_by_itself_and_control_begins_with_the_request(release, task_of, coarse):

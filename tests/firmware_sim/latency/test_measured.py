@@ -12,7 +12,7 @@ from firmware_sim.latency.idle_loop import IdleStage, lateness
 from firmware_sim.latency.measured import NEEDED_FOR_P99_9, KeptLimit, MeasuredRun, Quantiles, verdicts
 from firmware_sim.latency.running import Recorded
 from firmware_sim.latency.stages import Stage
-from tests.firmware_sim.latency.tables import COUNTERS, MS, PERIOD, TOOK, Tables
+from tests.firmware_sim.latency.test_stages import COUNTERS, MS, PERIOD, TOOK, Tables
 
 SLACK_MS = 20.0 - sum(TOOK.values())
 

@@ -9,7 +9,7 @@ import pytest
 from contract.errors import BusError, StillwakeError
 from firmware_sim.latency import running
 from firmware_sim.latency.running import recorded
-from tests.firmware_sim.latency.tables import PERIOD
+from tests.firmware_sim.latency.test_stages import PERIOD
 
 pytestmark = pytest.mark.processes
 READY = """

@@ -103,11 +103,9 @@ def test_a_picture_names_its_bundle_and_one_of_another_kind_is_refused(folder, t
         write_report(folder)
 
 
-def test_names_are_as_long_as_it_takes_and_one_run_alone_is_not_compared():
+def test_names_are_as_long_as_it_takes():
     for paths, names in (("/x/a /x/b", "a b"), ("/x/new/run /x/old/run /x/old/other", "new/run old/run old/other")):
         assert names_of([Path(path) for path in paths.split()]) == names.split()
-    with pytest.raises(StillwakeError, match="1 runs cannot be compared on a page"):
-        names_of([Path("a")])
 
 
 def test_differences_are_against_the_first_run(shedding):
