@@ -36,15 +36,13 @@ Phases = Annotated[int, typer.Option(min=1, max=25, help="Number of starting pha
 Workers = Annotated[int, typer.Option(min=1, max=16, help="Number of processes for the runs.")]
 Release = Annotated[Path, typer.Option(help="Another release in place of the shipped one.")]
 
-save: Final = save_json
-
 
 def report(json_file: Path | None, figures: Any, facts: Mapping[str, Any], *tables: Callable[[Any], str]) -> None:
     """Write the figures to the file, unless it is None, and print the documents' tables with these figures."""
     found = {"date": date.today().isoformat(), "figures": figures, "facts": facts}
     for made in tables:
         console.print(made(found), markup=False, highlight=False, soft_wrap=True)
-    save(json_file, figures=figures, facts=facts)
+    save_json(json_file, figures=figures, facts=facts)
 
 
 def track(items: Iterable[T], label: str, unit: str, total: int | None = None) -> Iterator[T]:
@@ -85,10 +83,6 @@ def kept_runs(run: Callable[..., Any], runs: Mapping[Path, tuple[Any, ...]], *, 
     # A process takes seconds to start, so no process is started if all results are stored.
     if missing:
         with process_pool(min(workers, len(missing))) as pool:
-            given = (runs[path] for path in missing)
-            list(track(pool.map(partial(_keep, run), missing, given), label, "runs", len(missing)))
+            work = [partial(run, *runs[path]) for path in missing]
+            list(track(pool.map(part, missing, work), label, "runs", len(missing)))
     return [json.loads(path.read_text(encoding="utf-8")) for path in runs]
-
-
-def _keep(run: Callable[..., Any], path: Path, arguments: tuple[Any, ...]) -> None:
-    part(path, lambda: run(*arguments))

@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from scipy.stats import spearmanr
 
-from benchmarks.common.command_line import LOOP, JsonFile, Parts, Workers, console, kept_runs, made_from, save
+from benchmarks.common.command_line import LOOP, JsonFile, Parts, Workers, console, kept_runs, made_from
 from benchmarks.release.release_drawings import means
 from benchmarks.release.release_loop import facts_of, run_from
 from contract.config.loading import load_config
@@ -27,6 +27,7 @@ from ecu.calibrating import release_calibration
 from firmware_sim.bench.simulation import Spans
 from firmware_sim.campaign.folder import phases_apart
 from firmware_sim.runs.summary import summary
+from stillwake.console.outputs import save_json
 from stillwake.parts.differentiable_wake import mesh_of
 from wake.plants import own_wake
 from wake.truck.state import save_state
@@ -69,7 +70,7 @@ def main(json_file: JsonFile = None, parts: Parts = Path("runs/weights"), worker
     figures = {"runs": rows, "spearman": _correlations(rows), "end_to_end": _end_to_end(rows)}
     console.print(figures["spearman"], figures["end_to_end"])
     mesh = mesh_of(load_config()).flow.refinement
-    save(json_file, figures=figures, facts=facts_of(release, SPANS, mesh=mesh))
+    save_json(json_file, figures=figures, facts=facts_of(release, SPANS, mesh=mesh))
 
 
 def started(folder: Path) -> Path:
