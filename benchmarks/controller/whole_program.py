@@ -13,9 +13,9 @@ import subprocess
 import tempfile
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from contract.controller.c_folder import REPLAY
 from contract.errors import McuError
@@ -55,18 +55,15 @@ suffix and is counted as a separate function."""
 _INDIRECT: Final = "__indirect_call"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Loop:
-    """A loop of the program: its file, its line, and the largest number of passes that GCC proves, None if GCC
-    proves no bound."""
+class Loop(NamedTuple):
+    """A loop of the program, its place, and the largest number of passes that GCC proves; None if it proves none."""
 
     function: str
     place: str
     most: int | None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Calls:
+class Calls(NamedTuple):
     """The calls of a program: each function's stack in bytes, the functions that it calls, and the places of calls
     through pointers without a known target."""
 
@@ -75,16 +72,14 @@ class Calls:
     unresolved: tuple[str, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Built:
+class Built(NamedTuple):
     """The firmware as the exported folder builds it: its calls after inlining, and the linked image, an ELF file."""
 
     calls: Calls
     image: bytes
 
 
-@dataclass(frozen=True, kw_only=True)
-class WholeProgram:
+class WholeProgram(NamedTuple):
     """The firmware as it is written in the sources (calls without inlining), and as the exported folder builds it;
     `pointed_at` are the functions whose address is taken."""
 
@@ -97,15 +92,12 @@ class WholeProgram:
 def read_program(files: Mapping[str, bytes]) -> WholeProgram:
     """Compile a firmware (`firmware_sim.mcu.build.board_files`) twice and read GCC's reports. Raises McuError if the
     firmware does not compile, or there is no compiler."""
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
-        names = _written(folder, files)
+    with _written(files) as (folder, names):
         for name in names:
             alone = name == _CALLED_BY_THE_COMPILER
-            _run(folder, *BARE, *(() if alone else AS_WRITTEN), "-c", name, "-o", f"{name}.lto.o")
-        objects = [f"{name}.lto.o" for name in names]
+            _run(folder, *BARE, *(() if alone else AS_WRITTEN), "-c", name, "-o", f"{name}.o")
         whole = ("-flto-partition=none", "-fwhole-program", "-fcallgraph-info=su", "-save-temps=obj", *DUMPS)
-        _run(folder, *BARE, *AS_WRITTEN, *whole, *_LINK, *objects, "-lgcc", "-o", "whole.elf")
+        _run(folder, *BARE, *AS_WRITTEN, *whole, *_LINK, *(f"{name}.o" for name in names), "-lgcc", "-o", "whole.elf")
         reports = [path for end in ("cunrolli", "ci", "whole-program") for path in folder.glob(f"whole*.{end}")]
         bodies, graph, symbols = (path.read_text(encoding="utf-8") for path in reports)
     _, titles = calls_of([graph], {})
@@ -123,9 +115,7 @@ def read_program(files: Mapping[str, bytes]) -> WholeProgram:
 def read_built(files: Mapping[str, bytes], reached: Mapping[str, set[str]] | None = None) -> Built:
     """Compile a firmware as the exported folder does. `calls_of` explains `reached`, which is None if no function
     is called through a pointer. Raises McuError as `read_program` does."""
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
-        names = _written(folder, files)
+    with _written(files) as (folder, names):
         for name in names:
             _run(folder, *BARE, "-fcallgraph-info=su", "-c", name, "-o", f"{name}.o")
         _run(folder, *BARE, *_LINK, *(f"{name}.o" for name in names), "-lgcc", "-o", "board.elf")
@@ -133,10 +123,13 @@ def read_built(files: Mapping[str, bytes], reached: Mapping[str, set[str]] | Non
         return Built(calls=calls_of(graphs, reached or {})[0], image=(folder / "board.elf").read_bytes())
 
 
-def _written(folder: Path, files: Mapping[str, bytes]) -> list[str]:
-    for name, content in files.items():
-        (folder / name).write_bytes(content)
-    return sorted(name for name in files if name.endswith(".c") and name != REPLAY)
+@contextmanager
+def _written(files: Mapping[str, bytes]) -> Iterator[tuple[Path, list[str]]]:
+    """Yield a temporary folder with the files, and the names of the sources to compile."""
+    with tempfile.TemporaryDirectory() as place:
+        for name, content in files.items():
+            Path(place, name).write_bytes(content)
+        yield Path(place), sorted(name for name in files if name.endswith(".c") and name != REPLAY)
 
 
 def calls_of(graphs: Iterable[str], reached: Mapping[str, set[str]]) -> tuple[Calls, dict[str, str]]:

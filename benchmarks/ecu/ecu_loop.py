@@ -3,20 +3,17 @@
     python -m benchmarks ecu-loop [--json FILE]
 
 Each ECU controls the live wake from the same initial state over the same bus. In the loop with the emulated core, a
-second ECU on this machine receives the same frames at the same times. This second ECU has the same sources and the same
-compiler, and fuses the same floating-point operations. After every step, all frames and the whole states of
-both ECUs are compared bit for bit. The virtual compute time is the core's modelled time in this loop, and
-`ecu.compute_time_ms` in the loops with the two other ECUs. Finished loops are stored in a folder named after the hash
-of their inputs, so that an interrupted measurement can be continued.
+second ECU on this machine receives the same frames at the same times. It has the same sources and compiler, and fuses
+the same floating-point operations. After every step, all frames and the whole states of both ECUs are compared bit for
+bit. The virtual compute time is the core's modelled time in this loop, and `ecu.compute_time_ms` in the other loops.
+Finished loops are stored in a folder named after the hash of their inputs.
 """
 
 import hashlib
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Final, Unpack
 
 import numpy as np
@@ -44,7 +41,7 @@ from firmware_sim.runs.summary import summary
 from stillwake.console.progress import progress
 from stillwake.parts.c_release import library_folder
 from stillwake.parts.releases import open_release
-from wake.plants import open_plant
+from wake.plants import own_wake
 
 ECUS: Final = (MCU, C, "python")
 COMPARED: Final = (*COMMON, "-march=native")
@@ -90,9 +87,8 @@ def main(
     commands = {kind: np.array(one["commands"], dtype=np.float64) for kind, one in found.items()}
     rows = []
     for kind, one in found.items():
-        apart = np.abs(commands[kind] - commands[C])
         # Steps that an ECU skipped are left out.
-        largest = float(np.max(apart[np.isfinite(apart)], initial=0.0))
+        largest = float(np.nanmax(np.abs(commands[kind] - commands[C]), initial=0.0))
         rows.append(one["row"] | {"largest_command_difference": largest})
     facts = {
         "bundle": release.digest,
@@ -109,13 +105,9 @@ def main(
 
 def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEcu | None) -> RunLog:
     """Run one loop from the shipped initial state, with a progress bar; if `ecu` is None, the ECU is in Python."""
-    simulation = Simulation(release, config, spans=spans, ecu=ecu)
-    with ExitStack() as stack:
-        scratch = Path(stack.enter_context(TemporaryDirectory()))
-        wake = stack.enter_context(open_plant("wake", scratch, config))
-        report = stack.enter_context(progress("periods", console=bars))
-        return simulation.run(
-            wake,
+    with progress("periods", console=bars) as report:
+        return Simulation(release, config, spans=spans, ecu=ecu).run(
+            own_wake(config),
             ready=lambda total: report(f"ECU {kind}", 0, total),
             progress=lambda row, done, total: report(f"ECU {kind}", done, total, f"Cd {row.sample.Cd:.3f}"),
         )
@@ -175,6 +167,5 @@ def figures_of(kind: str, log: RunLog, lockstep: Lockstep | None) -> dict[str, A
     row = {"kind": kind, **{name: found[name] for name in _KEPT}}
     if lockstep is None:
         return row
-    names = ("differing_frames", "differing_states", "differences")
-    compared = {"steps_compared": lockstep.steps, "frames_compared": lockstep.frames}
-    return row | compared | {name: getattr(lockstep, name) for name in names}
+    names = ("steps_compared", "frames_compared", "differing_frames", "differing_states", "differences")
+    return row | {name: getattr(lockstep, name.removesuffix("_compared")) for name in names}

@@ -6,8 +6,7 @@ The benchmark runs the closed loop as `stillwake run` does, stores every forecas
 flow without and with control. Pictures are written to docs/pictures.
 
 A forecast assumes that the jets follow the optimiser's plan, but later control steps may change the plan from its
-second action on. The error at h = 1 .. H is the distance between the forces that were forecast at t_k for t_{k+h} and
-the flow's forces at t_{k+h}.
+second action on.
 """
 
 from contextlib import nullcontext
@@ -28,7 +27,7 @@ from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs.run_log import Row, RunFolder, RunLog
 from stillwake.console.progress import progress
 from stillwake.parts.releases import open_release
-from wake.plants import open_plant
+from wake.plants import own_wake
 from wake.solver.grid import Flow
 from wake.truck.develop import recirculation_length
 from wake.truck.truck_wake import TruckWake
@@ -63,8 +62,8 @@ def main(json_file: JsonFile = None) -> None:
     horizon, period = release.manifest.mpc.horizon, config.flow.control_period
     listening, forecasts = Listening(OnnxController.of(release)), list[Array]()
     first, settled = round(SPANS.lead_in / period), round((SPANS.lead_in + SPANS.settle) / period)
-    with open_plant("wake", RUN, config) as wake, progress("periods", console=bars) as shown:
-        assert isinstance(wake, TruckWake)
+    wake = own_wake(config)
+    with progress("periods", console=bars) as shown:
         flows, counts = [Flow.zeros(wake.grid.shape) for _ in range(2)], [0, 0]
 
         def show(row: Row, done: int, total: int) -> None:
