@@ -1,6 +1,4 @@
-"""The code that the measurements share: options, the consoles for tables and for progress, the output of figures, and
-the stored parts of a long study, so that an interrupted study can be continued.
-"""
+"""The code that the measurements share: options, consoles, the output of figures, and the stored parts of a study."""
 
 import hashlib
 import json
@@ -26,7 +24,6 @@ LOOP: Final = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_
 """Figures of `stillwake run --json` by which controllers are compared."""
 
 console: Final = make_console()
-"""Console for tables; its output can be redirected."""
 bars: Final = make_console(stderr=True)
 """Console for progress bars; its output is not part of the result."""
 
@@ -67,8 +64,7 @@ def part(path: Path, make: Callable[[], Any]) -> Any:
 
 
 def made_from(digest: str, *folders: str) -> str:
-    """Return a short hash of a release, of the sources of a closed loop, and of those in further folders. A folder
-    that is named after this hash has only parts of these sources."""
+    """Return a short hash of a release, of the sources of a closed loop, and of those in further folders."""
     everything = hashlib.sha256(digest.encode())
     for path in (path for folder in (*_OF_A_LOOP, *folders) for path in sorted((ROOT / folder).rglob("*"))):
         if path.suffix in (".py", ".c", ".h", ".toml", ".dbc"):

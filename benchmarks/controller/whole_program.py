@@ -2,7 +2,7 @@
 
 Two builds are made. The first is the firmware as the exported folder builds it; GCC reports the stack that its machine
 code needs (`-fcallgraph-info`). The second is the whole program at link time, without inlining: GCC knows the range of
-every parameter and reports the largest number of passes of each loop. The sources are not parsed here.
+every parameter and reports the largest number of passes of each loop.
 
 A call through a pointer may reach every function whose address is taken and whose type fits the pointer. GCC lists the
 functions whose address is taken, and their types.
@@ -21,10 +21,10 @@ from contract.controller.c_folder import REPLAY
 from contract.errors import McuError
 
 COMPILER: Final = "arm-none-eabi-gcc"
-"""Name of the compiler; its package in Debian is gcc-arm-none-eabi."""
-CORE: Final = ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-sp-d16")
-BARE: Final = (*CORE, "-std=c99", "-O2", "-ffp-contract=off", "-fno-unroll-loops", "-ffreestanding",
-               "-ffunction-sections", "-fdata-sections", "-g1")  # fmt: skip
+BARE: Final = (
+    *("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-sp-d16", "-std=c99", "-O2", "-ffp-contract=off"),
+    *("-fno-unroll-loops", "-ffreestanding", "-ffunction-sections", "-fdata-sections", "-g1"),
+)
 """The flags of the compiler in the exported folder's CMakeLists.txt."""
 AS_WRITTEN: Final = ("-flto", "-fno-inline", "-fno-partial-inlining", "-fno-ipa-sra", "-fno-ipa-icf",
                      "-fno-aggressive-loop-optimizations")  # fmt: skip
@@ -50,8 +50,7 @@ _NODE: Final = re.compile(r'^node: { title: "([^"]+)" label: "([^"]*)"', re.MULT
 _EDGE: Final = re.compile(r'^edge: { sourcename: "([^"]+)" targetname: "([^"]+)"(?: label: "([^"]*)")?', re.MULTILINE)
 _TAKEN: Final = re.compile(r"^(\S+)/\d+ \(.*\n  Type: function.*\n(?:  .*\n)*?  Address is taken\.", re.MULTILINE)
 _COPY: Final = re.compile(r"\.(?:constprop|lto_priv|isra)(?:\.\d+)?")
-"""Pattern of the suffixes that GCC gives to copies of a function. A part that GCC splits off a function has another
-suffix and is counted as a separate function."""
+"""Pattern of the suffixes that GCC gives to copies of a function, but not to parts that it splits off a function."""
 _INDIRECT: Final = "__indirect_call"
 
 
@@ -64,8 +63,7 @@ class Loop(NamedTuple):
 
 
 class Calls(NamedTuple):
-    """The calls of a program: each function's stack in bytes, the functions that it calls, and the places of calls
-    through pointers without a known target."""
+    """Each function's stack in bytes, the functions that it calls, and calls through pointers without known targets."""
 
     stack: dict[str, int]
     calls: dict[str, set[str]]
@@ -80,8 +78,7 @@ class Built(NamedTuple):
 
 
 class WholeProgram(NamedTuple):
-    """The firmware as it is written in the sources (calls without inlining), and as the exported folder builds it;
-    `pointed_at` are the functions whose address is taken."""
+    """The firmware as written (without inlining), and as built; `pointed_at`: functions whose address is taken."""
 
     loops: tuple[Loop, ...]
     written: Calls

@@ -24,15 +24,13 @@ from benchmarks.ecu import tables
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame
 from contract.config.loading import load_config
-from contract.config.tree import Config
 from contract.controller.calibration import Calibration
 from contract.errors import McuError, install
-from contract.release.checks import Bundle
 from contract.results import versions
 from ecu.ecu_state import EcuState, Surroundings
 from ecu.in_c.c_ecu import CEcu, ecu_sources
 from ecu.in_c.compiler import zig_compiler
-from ecu.stepped import CalibratedEcu, LoopEcu
+from ecu.stepped import CalibratedEcu
 from firmware_sim.bench.ecus import MCU, C, loop_ecu
 from firmware_sim.bench.simulation import Simulation, Spans
 from firmware_sim.mcu.build import COMMON
@@ -78,7 +76,12 @@ def main(
         if ecu is not None and kind == MCU:
             lockstep = Lockstep(ecu.ecu, CEcu(sources, compiler=compiler, flags=COMPARED))
             ecu = replace(ecu, ecu=lockstep)
-        log = driven(release, config, spans, kind, ecu)
+        with progress("periods", console=bars) as shown:
+            log = Simulation(release, config, spans=spans, ecu=ecu).run(
+                own_wake(config),
+                ready=lambda total: shown(f"ECU {kind}", 0, total),
+                progress=lambda row, done, total: shown(f"ECU {kind}", done, total, f"Cd {row.sample.Cd:.3f}"),
+            )
         # A skipped step is null in the results file, because JSON has no NaN.
         commands = [value if np.isfinite(value) else None for value in log.series["command"].tolist()]
         return {"row": figures_of(kind, log, lockstep), "commands": commands}
@@ -103,27 +106,11 @@ def main(
         console.print(line)
 
 
-def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEcu | None) -> RunLog:
-    """Run one loop from the shipped initial state, with a progress bar; if `ecu` is None, the ECU is in Python."""
-    with progress("periods", console=bars) as report:
-        return Simulation(release, config, spans=spans, ecu=ecu).run(
-            own_wake(config),
-            ready=lambda total: report(f"ECU {kind}", 0, total),
-            progress=lambda row, done, total: report(f"ECU {kind}", done, total, f"Cd {row.sample.Cd:.3f}"),
-        )
-
-
 class Lockstep:
     """A pair of ECUs with the interface of one ECU. Every call goes to `driver` and to `other`. The pair returns the
-    driver's frames, and counts differences between the frames and states of the two ECUs. All other attributes
-    belong to the driver.
-
-    Attributes:
-        steps, frames: numbers of steps and frames compared so far.
-        differing_frames: number of frames that differed in a byte or in time, or that only one ECU sent.
-        differing_states: number of steps after which the states differed in a bit.
-        differences: descriptions of the first differences, one line each.
-    """
+    driver's frames, and counts the compared steps and frames, the frames that differed in a byte or in time or that
+    only one ECU sent, and the steps after which the states differed in a bit. `differences` has a line for each of the
+    first differences. All other attributes belong to the driver."""
 
     def __init__(self, driver: Any, other: CalibratedEcu) -> None:
         self._driver, self._other = driver, other
