@@ -22,8 +22,8 @@ from stillwake.console.stopping import ends_like_ctrl_c
 
 
 class Measurement(NamedTuple):
-    """A measurement in the list: the module with its function `main`, a description, and the approximate duration on
-    two cores. A module is imported only when its measurement runs, because each module needs other packages."""
+    """A measurement in the list: its module, which is imported only when it runs, because each module needs other
+    packages; a description; and the approximate duration on two cores."""
 
     module: str
     text: str

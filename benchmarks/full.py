@@ -1,5 +1,4 @@
-"""Make every file in `results/` with the commands in `full.toml`. The target `make full` runs this module after the
-tests.
+"""Make every file in `results/` with the commands in `full.toml`; `make full` runs this module after the tests.
 
     python -m benchmarks full [--resume] [--only NAME] [--list]
 
@@ -134,8 +133,7 @@ def _make(one: Figures) -> None:
         _call(one, command)
     # The path is relative, because some files state the command that made them.
     _call(one, one.run, "--json", os.path.relpath(one.file, ROOT), good=(0, one.status))
-    minutes: float | None = round((time.monotonic() - began) / 60.0, 1)
-    content = read(one.file)
+    content, minutes = read(one.file), round((time.monotonic() - began) / 60.0, 1)
     # A continued campaign takes less time than a whole campaign, so the earlier duration is kept.
     if before is not None and content["facts"].get("runs", {}).get("kept", 0) > 0:
         minutes = before

@@ -19,9 +19,8 @@ from contract.atomic import replacing
 
 
 class Table(NamedTuple):
-    """A table of the pages: the function that returns it, and the names of the results files that this function takes.
-    The last field names the file whose date, version and release are stated below the table, usually the file with most
-    rows. The field is empty if the table itself states them."""
+    """A table of the pages: the function that returns it, the names of the results files that this function takes, and
+    the name of the file whose date, version and release are stated below the table; "" if the table states them."""
 
     made: Callable[..., str]
     files: tuple[str, ...]

@@ -1,5 +1,4 @@
-"""The tables of the bus: codec and protection, response times, the loop's latency, and the closed loop on several kinds
-of bus."""
+"""The tables of the bus: codec and protection, response times, the loop's latency, and the loop on several buses."""
 
 from typing import Any, Final
 
@@ -17,8 +16,7 @@ HEADLINES: Final = {
     "gate_mutants": "faults planted in the command gate",
     "gate_mutants_survived": "planted faults that no test finds",
 }
-"""Labels of the headline figures. The figures are in `results/bus.json`; figures of finished studies are in
-`results/bus_studies.json`."""
+"""Labels of the headline figures in `results/bus.json` and, for finished studies, in `results/bus_studies.json`."""
 RUNS: Final = {
     "CAN FD": "demo",
     "classic CAN": "bus_classic",
@@ -103,9 +101,9 @@ def can_load(*found: Any) -> str:
     """Return the table of the project's messages, with the total load of the bus, from the results of `CAN_LOADS`."""
     rows, lines = [], []
     for name, alone, loaded in zip(("CAN FD", "classic CAN"), found[::2], found[1::2], strict=True):
-        others = _ours(loaded)
-        for message in _ours(alone).values():
-            crowded = others[message["name"]]
+        ours, others = ([one for one in of["figures"]["messages"] if one["ours"]] for of in (alone, loaded))
+        for message in ours:
+            (crowded,) = (one for one in others if one["name"] == message["name"])
             alone_s = (message[key] for key in ("name", "bytes", "frame_worst_ms", "response_ms"))
             in_time = "yes" if crowded["in_time"] else "no"
             rows.append((*alone_s, crowded["response_ms"], message["deadline_ms"], in_time))
@@ -117,10 +115,6 @@ def can_load(*found: Any) -> str:
     return table(heads, rows) + "\n\n" + "\n".join(lines)
 
 
-def _ours(result: Any) -> dict[str, Any]:
-    return {message["name"]: message for message in result["figures"]["messages"] if message["ours"]}
-
-
 def _load(result: Any) -> str:
     figures = result["figures"]
     return f"{100 * figures['load_mean']:.1f} % ({100 * figures['load_worst']:.1f} % at worst)"
@@ -129,10 +123,10 @@ def _load(result: Any) -> str:
 def latency(found: Any) -> str:
     """Return the table of the stages and of the idle loop, with the numbers of late commands below the table."""
     runs = [found["figures"][name] for name in CONTROLLERS]
-    rows = [
-        (LABELS[stage], *(cell for run in runs for cell in _cells(run["stages"][stage], _misses(run, stage))))
-        for stage in Stage
-    ]
+    rows = []
+    for stage in Stage:
+        pairs = ((run["stages"][stage], run["misses"] if stage is Stage.ALL else "") for run in runs)
+        rows.append((LABELS[stage], *(cell for pair in pairs for cell in _cells(*pair))))
     baselines = [run["baseline"] for run in runs]
     rows.append(("idle loop in the same run", *(cell for row in baselines for cell in _cells(row, row["misses"]))))
     lines = [
@@ -148,10 +142,6 @@ def latency(found: Any) -> str:
     )
     heads = ("", *((*QUANTILES.values(), "misses") * 2))
     return "\n".join((about, "", table(heads, rows), "", *lines)).rstrip("\n")
-
-
-def _misses(run: Any, stage: Stage) -> int | str:
-    return run["misses"] if stage is Stage.ALL else ""
 
 
 def _cells(row: Any, misses: int | str) -> tuple[str, ...]:

@@ -1,6 +1,4 @@
-"""The code that the measurements share: options, the consoles for tables and for progress, the output of figures, and
-the stored parts of a long study, so that an interrupted study can be continued.
-"""
+"""The code that the measurements share: options, consoles, the output of figures, and the stored parts of a study."""
 
 import hashlib
 import json
@@ -26,7 +24,6 @@ LOOP: Final = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_
 """Figures of `stillwake run --json` by which controllers are compared."""
 
 console: Final = make_console()
-"""Console for tables; its output can be redirected."""
 bars: Final = make_console(stderr=True)
 """Console for progress bars; its output is not part of the result."""
 
@@ -36,15 +33,13 @@ Phases = Annotated[int, typer.Option(min=1, max=25, help="Number of starting pha
 Workers = Annotated[int, typer.Option(min=1, max=16, help="Number of processes for the runs.")]
 Release = Annotated[Path, typer.Option(help="Another release in place of the shipped one.")]
 
-save: Final = save_json
-
 
 def report(json_file: Path | None, figures: Any, facts: Mapping[str, Any], *tables: Callable[[Any], str]) -> None:
     """Write the figures to the file, unless it is None, and print the documents' tables with these figures."""
     found = {"date": date.today().isoformat(), "figures": figures, "facts": facts}
     for made in tables:
         console.print(made(found), markup=False, highlight=False, soft_wrap=True)
-    save(json_file, figures=figures, facts=facts)
+    save_json(json_file, figures=figures, facts=facts)
 
 
 def track(items: Iterable[T], label: str, unit: str, total: int | None = None) -> Iterator[T]:
@@ -69,8 +64,7 @@ def part(path: Path, make: Callable[[], Any]) -> Any:
 
 
 def made_from(digest: str, *folders: str) -> str:
-    """Return a short hash of a release, of the sources of a closed loop, and of those in further folders. A folder
-    that is named after this hash has only parts of these sources."""
+    """Return a short hash of a release, of the sources of a closed loop, and of those in further folders."""
     everything = hashlib.sha256(digest.encode())
     for path in (path for folder in (*_OF_A_LOOP, *folders) for path in sorted((ROOT / folder).rglob("*"))):
         if path.suffix in (".py", ".c", ".h", ".toml", ".dbc"):
@@ -85,10 +79,6 @@ def kept_runs(run: Callable[..., Any], runs: Mapping[Path, tuple[Any, ...]], *, 
     # A process takes seconds to start, so no process is started if all results are stored.
     if missing:
         with process_pool(min(workers, len(missing))) as pool:
-            given = (runs[path] for path in missing)
-            list(track(pool.map(partial(_keep, run), missing, given), label, "runs", len(missing)))
+            work = [partial(run, *runs[path]) for path in missing]
+            list(track(pool.map(part, missing, work), label, "runs", len(missing)))
     return [json.loads(path.read_text(encoding="utf-8")) for path in runs]
-
-
-def _keep(run: Callable[..., Any], path: Path, arguments: tuple[Any, ...]) -> None:
-    part(path, lambda: run(*arguments))

@@ -1,6 +1,4 @@
-"""The documents' tables in Markdown, made from the files in `results/`, and the documents' pictures: their folder, the
-function that writes them, and the text that states a picture's results file.
-"""
+"""The documents' tables in Markdown and the documents' pictures, both made from the files in `results/`."""
 
 import hashlib
 import json
@@ -18,8 +16,7 @@ PICTURES: Final = ROOT / "docs" / "pictures"
 SOURCE: Final = "Source"
 """Name of the text field in a PNG that identifies the results file from which the picture was drawn."""
 STAMP: Final = "made"
-"""Name of the entry in a results file that states the release and the C sources of the figures. A test uses this entry
-to find outdated files."""
+"""Name of the entry in a results file that states the release and the C sources of the figures."""
 
 
 def draw(figures: Mapping[str, Figure], source: Path) -> None:

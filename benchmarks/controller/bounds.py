@@ -54,8 +54,8 @@ def main(json_file: JsonFile = None) -> None:
     keyed = replace(config, bus=replace(config.bus, key="bus.key"))
     fullest = {**sources, ECU_SETTINGS: ecu_settings(bundle, keyed)}
     # The values of the keys do not change the code.
-    equipment = equipment_header(project_key(), bytes(1), bytes(1), "h", "s")
-    own = {EQUIPMENT: equipment, BUS_KEY: bus_key_header(KEY_BYTES)}
+    header = equipment_header(project_key(), bytes(1), bytes(1), "h", "s")
+    own = {EQUIPMENT: header, BUS_KEY: bus_key_header(KEY_BYTES)}
     found = bounds(read_program(board_files(fullest, own)))
     alone = read_built(board_files(sources))
     drives = ("full bus", "a sensor left out")
@@ -67,16 +67,14 @@ def main(json_file: JsonFile = None) -> None:
 
 
 def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Check a firmware and return its bounds:
+    """Check a firmware. Raises McuError, which lists every loop without a bound, a recursion and every unresolved call.
+    Returns:
 
-    - loops: a line for each loop: function, line in the source, largest number of passes, and the reason if GCC does
-      not prove this number
-    - proved, reasoned, waits: numbers of loops. GCC proves the bound of a proved loop; `reasons` (default:
-      `bounds.toml`) states the bound of a reasoned loop; a waiting loop has no bound by design
+    - loops: a line for each loop: function, line in the source, largest number of passes, and the reason for it
+    - proved, reasoned, waits: numbers of loops whose bound GCC proves, whose bound `reasons` (default: `bounds.toml`)
+      states, and that have no bound by design
     - functions, pointed_at: number of all functions, and number of functions called through pointers
     - stack_b, stack_of: largest stack in bytes, including an exception, and the chain of calls that needs it
-
-    Raises McuError, which lists every loop without a bound, a recursion and every unresolved call.
     """
     known = tomllib.loads(REASONS.read_text(encoding="utf-8")) if reasons is None else reasons
     lines = {loop: _line(loop, known) for loop in program.loops}

@@ -1,18 +1,28 @@
 """The paper's control method in eager PyTorch: modules, autograd, torch.optim.Adam, clamp.
 
-PyTorch supplies gates, norms, derivatives and optimiser, so this implementation shares no formula with the project's
-reference implementation. The parity tests compare the project's implementations with this one, and the benchmark gives
-all times relative to this one.
+The networks are those of the training, so this implementation shares no formula with the project's reference
+implementation. The parity tests compare the project's implementations with this one, and the benchmark gives all times
+relative to this one.
 """
+
+from collections.abc import Iterator
+from typing import Any, Final
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
 from contract.arrays import Array
+from contract.config.learning import ModelConfig
 from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT
 from export.program.controller_program import ControllerProgram
-from export.program.weights import Linear, Norm
+from train.networks.model import WakeModel
+
+_OF_LSTM: Final = {
+    **{"weight_input": "weight_ih_l0", "weight_recurrent": "weight_hh_l0"},
+    **{"bias_input": "bias_ih_l0", "bias_recurrent": "bias_hh_l0"},
+}
+"""PyTorch's names of an LSTM's tensors, by the names of their fields in `export.program.weights`."""
 
 
 class EagerController:
@@ -22,31 +32,14 @@ class EagerController:
         self._program = program
         self._dtype = dtype
         encoder, dynamics, decoder = program.encoder, program.dynamics, program.decoder
-        self._lstm = nn.LSTM(encoder.inputs, encoder.lstm.width, batch_first=True, dtype=dtype)
-        self._lstm.load_state_dict(
-            {
-                "weight_ih_l0": self._tensor(encoder.lstm.weight_input),
-                "weight_hh_l0": self._tensor(encoder.lstm.weight_recurrent),
-                "bias_ih_l0": self._tensor(encoder.lstm.bias_input),
-                "bias_hh_l0": self._tensor(encoder.lstm.bias_recurrent),
-            }
-        )
-        self._encoder_head = nn.Sequential(
-            self._norm(encoder.norm), self._linear(encoder.hidden), nn.ELU(), self._linear(encoder.output)
-        )
-        self._dynamics = nn.Sequential(
-            self._linear(dynamics.input), self._norm(dynamics.norm_in), nn.ELU(),
-            self._linear(dynamics.hidden), self._norm(dynamics.norm_hidden), nn.ELU(),
-            self._linear(dynamics.output),
-        )  # fmt: skip
-        self._decoder_input = self._linear(decoder.input)
-        self._blocks = [
-            nn.Sequential(self._linear(block.linear), self._norm(block.norm), nn.ELU()) for block in decoder.blocks
-        ]
-        self._decoder_output = self._linear(decoder.output)
-        heads = (self._lstm, self._encoder_head, self._dynamics, self._decoder_input, self._decoder_output)
-        for module in (*heads, *self._blocks):
-            module.requires_grad_(False)
+        widths = {"lstm": encoder.lstm.width, "dynamics": len(dynamics.input.bias), "decoder": len(decoder.input.bias)}
+        sizes = {f"{name}_width": width for name, width in widths.items()}
+        config = ModelConfig(latent=program.latent, decoder_blocks=len(decoder.blocks), **sizes)
+        networks = WakeModel(encoder.inputs - 1, config).to(dtype).eval().requires_grad_(False)
+        for name in ("encoder", "dynamics", "decoder"):
+            state = {key: self._tensor(values) for key, values in _tensors(getattr(program, name), "")}
+            getattr(networks, name).load_state_dict(state)
+        self._encoder, self._dynamics, self._decoder = networks.encoder, networks.dynamics, networks.decoder
         self._force_mean = self._tensor(program.scaling.force_mean)
         self._force_std = self._tensor(program.scaling.force_std)
 
@@ -55,20 +48,13 @@ class EagerController:
         scaling = self._program.scaling
         mean, std = self._tensor(scaling.window_mean), self._tensor(scaling.window_std)
         rows = self._tensor(window)[-self._program.encoder_rows :]
-        _, (hidden, _) = self._lstm(((rows - mean) / std)[None])
-        z: Tensor = self._encoder_head(hidden[-1, 0])
-        return z
+        _, (hidden, _) = self._encoder.lstm(((rows - mean) / std)[None])
+        return self._encoder.read_out(hidden[-1, 0])
 
     def predict(self, z: Tensor, plan: Tensor) -> Tensor:
         """Return the forces over the horizon of H periods, shape (H, 2), under a plan, shape (H,)."""
-        latents = []
-        for a in plan / self._program.scaling.action_std:
-            z = z + self._dynamics(torch.cat([z, a[None]]))
-            latents.append(z)
-        x = self._decoder_input(torch.stack(latents))
-        for block in self._blocks:
-            x = x + block(x)
-        forces: Tensor = self._decoder_output(x) * self._force_std + self._force_mean
+        latents = self._dynamics.rollout(z, plan / self._program.scaling.action_std)
+        forces: Tensor = self._decoder(latents) * self._force_std + self._force_mean
         return forces
 
     def start(self, window: Array, committed: Tensor, chosen: Tensor, w: Tensor, speed: float, limit: float) -> Tensor:
@@ -163,16 +149,15 @@ class EagerController:
     def _tensor(self, values: object) -> Tensor:
         return torch.tensor(np.asarray(values), dtype=self._dtype)
 
-    def _linear(self, layer: Linear) -> nn.Linear:
-        outputs, inputs = layer.weight.shape
-        module = nn.Linear(inputs, outputs, dtype=self._dtype)
-        module.load_state_dict({"weight": self._tensor(layer.weight), "bias": self._tensor(layer.bias)})
-        return module
 
-    def _norm(self, norm: Norm) -> nn.LayerNorm:
-        module = nn.LayerNorm(list(norm.weight.shape), dtype=self._dtype)
-        module.load_state_dict({"weight": self._tensor(norm.weight), "bias": self._tensor(norm.bias)})
-        return module
+def _tensors(part: Any, prefix: str) -> Iterator[tuple[str, Array]]:
+    """Yield the weights of a network by PyTorch's names."""
+    for field, value in enumerate(part) if isinstance(part, tuple) else vars(part).items():
+        name = f"{prefix}{_OF_LSTM.get(str(field), field)}"
+        if isinstance(value, np.ndarray):
+            yield name, value
+        else:
+            yield from _tensors(value, f"{name}.")
 
 
 def _array(tensor: Tensor) -> Array:

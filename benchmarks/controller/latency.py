@@ -3,17 +3,15 @@
     python -m benchmarks controller [--json FILE]
 
 Each implementation runs on one thread. The implementations run in turn, so that a disturbance of the machine affects
-all of them. The figures are medians and minima of wall time, and medians of the thread's processor time, which excludes
-other processes. The weights are random and the networks have the release's sizes, because the time depends only on the
-sizes.
+all of them. The figures are medians and minima of wall time. The weights are random and the networks have the release's
+sizes, because the time depends only on the sizes.
 """
 
 import time
-from collections.abc import Callable
 from functools import partial
+from statistics import median
 from typing import Any, Final
 
-import numpy as np
 import torch
 
 from benchmarks.common.command_line import JsonFile, report, track
@@ -44,7 +42,6 @@ def main(json_file: JsonFile = None) -> None:
     (case,) = control_cases(program, count=1)
     lowered: dict[str, Program] = {"float32": program, "int8": rounded_to_nearest(program)}
     graphs = {name: build_controller(of).SerializeToString() for name, of in lowered.items()}
-    loads = [_both_times(lambda: OnnxController(graphs["float32"], program.sizes)) for _ in range(15)]
     compiler = host_compiler()
     libraries = c_library(program), int8_library(program, random_windows(program, 20))
     c, c_int8 = (CController(library, program.sizes, compiler=compiler) for library in libraries)
@@ -58,26 +55,19 @@ def main(json_file: JsonFile = None) -> None:
     steps = {name: partial(one.control_step, case.window, case.plan, case.free) for name, one in controllers.items()}
     for step in steps.values():
         step()  # warms up caches and allocators
-    times: dict[str, list[tuple[float, float]]] = {name: [] for name in steps}
+    times: dict[str, list[float]] = {name: [] for name in steps}
     for i in track(range(_REPEATS), "control steps", "steps"):
         for name, step in steps.items():
             # A step in eager PyTorch takes about as long as ten steps of another implementation, so fewer are timed.
             if name != "eager_ms" or i % 5 == 0:
-                times[name].append(_both_times(step))
-    times["onnx_load_ms"] = loads
+                began = time.perf_counter()
+                step()
+                times[name].append((time.perf_counter() - began) * 1e3)
 
-    medians = {name: np.median(values, axis=0) for name, values in times.items()}
-    figures: dict[str, Any] = {name: float(wall) for name, (wall, _) in medians.items()}
-    figures["min"] = {name: min(values)[0] for name, values in times.items()}
-    figures["processor"] = {name: float(processor) for name, (_, processor) in medians.items()}
+    figures: dict[str, Any] = {name: median(values) for name, values in times.items()}
+    figures["min"] = {name: min(values) for name, values in times.items()}
     figures["onnx_bytes"], figures["onnx_int8_bytes"] = len(graphs["float32"]), len(graphs["int8"])
     figures["c_workspace_bytes"], figures["c_int8_workspace_bytes"] = c.workspace_bytes, c_int8.workspace_bytes
     settings = {**_WIDTHS, **_PLAN, "repeats": _REPEATS, "threads": 1, "c_flags": " ".join(OPTIMISED)}
     used = versions("torch", "onnxruntime", "numpy") | {"c_compiler": compiler_version(compiler)}
     report(json_file, figures, {"settings": settings, "versions": used}, tables.latency)
-
-
-def _both_times(step: Callable[[], object]) -> tuple[float, float]:
-    wall, processor = time.perf_counter(), time.thread_time()
-    step()
-    return (time.perf_counter() - wall) * 1e3, (time.thread_time() - processor) * 1e3

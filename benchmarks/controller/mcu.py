@@ -4,10 +4,9 @@ the release's ECU.
     python -m benchmarks mcu [--json FILE]
 
 The row `release` is the whole ECU of the shipped bundle in the drives of `worst_period`, without and with a key of the
-bus. Its control step is also run for many windows, half of them recorded and half random, to test whether its work
-depends on the data. The other rows have random weights, because the work depends only on the sizes; `stillwake mcu
-FOLDER` measures a trained library. Libraries for the Cortex-M4F run on the emulated Cortex-M7, which has all of the
-Cortex-M4F's instructions, but their cycles are modelled with the Cortex-M4F's pipeline.
+bus. Its control step is also run for many windows, to test whether its work depends on the data. The other rows have
+random weights, because the work depends only on the sizes. Libraries for the Cortex-M4F run on the emulated Cortex-M7,
+which has all of the Cortex-M4F's instructions, but their cycles are modelled with the Cortex-M4F's pipeline.
 """
 
 from collections.abc import Iterable, Mapping
@@ -60,13 +59,12 @@ def main(json_file: JsonFile = None) -> None:
 
 def _measured(case: Case, core: Core) -> dict[str, Any]:
     dynamics, decoder, iterations, precision = case
-    model = ModelConfig(dynamics_width=dynamics, decoder_width=decoder)
-    program = random_program(0, model=model, mpc=MpcConfig(iterations=iterations))
+    widths = {"dynamics_width": dynamics, "decoder_width": decoder}
+    program = random_program(0, model=ModelConfig(**widths), mpc=MpcConfig(iterations=iterations))
     windows = random_windows(program, 20)
     sources = c_library(program) if precision == "float32" else int8_library(program, windows)
     series = np.concatenate(windows[:2])[: program.window + 3].astype(np.float32)  # four steps
-    sizes = {"dynamics_width": dynamics, "decoder_width": decoder, "iterations": iterations}
-    return {**sizes, **asdict(measure(sources, series, core=core))}
+    return {**widths, "iterations": iterations, **asdict(measure(sources, series, core=core))}
 
 
 def _release() -> dict[str, Any]:
@@ -86,9 +84,8 @@ def _release() -> dict[str, Any]:
 
 def instruction_spread(sources: Mapping[str, bytes], windows: Iterable[Array]) -> dict[str, int]:
     """Run a control step for each window, shape (L, S+1), with the plan of the previous step. Return the number of
-    windows, the smallest and the largest number of instructions (`fewest`, `most`), and the number of windows that do
-    not take the most frequent number of instructions (`unlike`). Skipped conditional instructions are counted too.
-    Raises McuError if the library does not compile or run, or there are no windows."""
+    windows, the fewest and the most instructions, also skipped ones, and the number of windows that do not take the
+    most frequent number. Raises McuError if the library does not compile or run, or there are no windows."""
     machine = Machine(read_elf(compile_for_cortex_m7(sources)))
     counter = machine.block_counter()
     machine.call("mcu_reset")
@@ -109,11 +106,12 @@ def instruction_spread(sources: Mapping[str, bytes], windows: Iterable[Array]) -
 
 def _windows(count: int) -> list[Array]:
     """Return `count` windows. Half of them are evenly spaced over the recording's episodes; the others are random."""
-    program = program_of(model_folder.read(MODEL), load_config().mpc)
-    episodes = dataset.read(RECORDING)
-    found: list[Array] = []
-    share = -(-count // (2 * len(episodes.episodes)))
-    for item in episodes.episodes:
-        found += recorded_windows(program, item, len(item) - program.window, episodes.layout)[:: len(item) // share]
-    recorded = found[: count // 2]
-    return recorded + random_windows(program, count - len(recorded))
+    program, data, found = (
+        program_of(model_folder.read(MODEL), load_config().mpc),
+        dataset.read(RECORDING),
+        list[Array](),
+    )
+    share = -(-count // (2 * len(data.episodes)))
+    for item in data.episodes:
+        found += recorded_windows(program, item, len(item) - program.window, data.layout)[:: len(item) // share]
+    return found[: count // 2] + random_windows(program, count - len(found[: count // 2]))

@@ -74,13 +74,11 @@ class OtherRuntime:
 def _onnxruntime(graph: Path) -> Run:
     options = SessionOptions()
     options.intra_op_num_threads = 1
-    session = InferenceSession(graph, options)
+    return _by_name(InferenceSession(graph, options))
+
+
+def _by_name(session: Any) -> Run:
     return lambda feeds: dict(zip(OUTPUTS, session.run(list(OUTPUTS), dict(feeds)), strict=True))
-
-
-def _reference(graph: Path) -> Run:
-    evaluator = ReferenceEvaluator(str(graph))
-    return lambda feeds: dict(zip(OUTPUTS, evaluator.run(list(OUTPUTS), dict(feeds)), strict=True))
 
 
 def _openvino(graph: Path) -> Run:
@@ -103,7 +101,7 @@ def _tract(graph: Path) -> Run:
 
 RUNTIMES: Final[Mapping[str, tuple[str, Callable[[Path], Run]]]] = {
     "ONNX Runtime": ("onnxruntime", _onnxruntime),
-    "onnx's reference evaluator": ("onnx", _reference),
+    "onnx's reference evaluator": ("onnx", lambda graph: _by_name(ReferenceEvaluator(str(graph)))),
     "OpenVINO": ("openvino", _openvino),
     "tract": ("tract", _tract),
 }
@@ -133,11 +131,6 @@ def main(json_file: JsonFile = None) -> None:
                 for field in ("plan", "forces", "cost")
             }
             figures.append({"runtime": name, "version": versions(package)[package], **differences})
-    facts = {
-        "bundle": release.manifest.name,
-        "digest": release.digest,
-        "windows": WINDOWS,
-        "nodes": len(model.graph.node),
-        "versions": versions("stillwake", "onnxruntime"),
-    }
+    facts: dict[str, Any] = {"bundle": release.manifest.name, "digest": release.digest, "windows": WINDOWS}
+    facts |= {"nodes": len(model.graph.node), "versions": versions("stillwake", "onnxruntime")}
     report(json_file, figures, facts, tables.runtimes)

@@ -15,22 +15,16 @@ def runtimes(found: Any) -> str:
 def latency(found: Any) -> str:
     """Return the table of the times and sizes of all implementations."""
     figures, facts = found["figures"], found["facts"]
-    rows = [
-        (
-            label,
-            figures[key],
-            figures["min"][key],
-            *(of["eager_ms"] / of[key] for of in (figures, figures["min"])),
-            None if size is None else figures[size] / 1024,
-        )
-        for label, key, size in (
-            ("eager PyTorch", "eager_ms", None),
-            ("ONNX float32", "onnx_ms", "onnx_bytes"),
-            ("ONNX int8 weights", "onnx_int8_ms", "onnx_int8_bytes"),
-            ("C float32", "c_ms", None),
-            ("C int8, integer products", "c_int8_ms", None),
-        )
-    ]
+    rows = []
+    for label, key, size in (
+        ("eager PyTorch", "eager_ms", None),
+        ("ONNX float32", "onnx_ms", "onnx_bytes"),
+        ("ONNX int8 weights", "onnx_int8_ms", "onnx_int8_bytes"),
+        ("C float32", "c_ms", None),
+        ("C int8, integer products", "c_int8_ms", None),
+    ):
+        faster = (of["eager_ms"] / of[key] for of in (figures, figures["min"]))
+        rows.append((label, figures[key], figures["min"][key], *faster, size and figures[size] / 1024))
     heads = ("", "median ms", "least ms", "speed relative to PyTorch, median", "least", "KiB")
     workspace = " and ".join(f"{figures[f'{name}_workspace_bytes'] / 1024:.0f}" for name in ("c", "c_int8")) + " KiB"
     return f"""{table(heads, rows)}
@@ -41,8 +35,7 @@ The C library, compiled with `{facts["settings"]["c_flags"]}` by
 
 def mcu(found: Any) -> str:
     """Return the tables of work, memory and time on the emulated cores, with a row for each size of the networks."""
-    figures = found["figures"]
-    horizon = found["facts"]["horizon"]
+    figures, horizon = found["figures"], found["facts"]["horizon"]
     return f"""Measured on {found["date"]}: only the control step, random weights, a horizon of {horizon} steps.
 
 Cortex-M7:
@@ -91,8 +84,7 @@ def mcu_release(found: Any) -> str:
 
 
 def mcu_worst(found: Any) -> str:
-    """Return the table of the longest control periods in the constructed drives, and of the bound for all periods.
-    Times are in ms, without and with a key of the bus."""
+    """Return the table of the longest control periods in ms of the drives, and of the bound, without and with a key."""
     row = found["figures"]["release"]
     secured = row["secured"]
     frames = f" ({row['frames']} frames, with a key {secured['frames']})"

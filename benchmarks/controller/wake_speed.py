@@ -55,10 +55,7 @@ def main(json_file: JsonFile = None) -> None:
         for _ in track(range(ROUNDS), "rounds", "rounds"):
             for wake, times in zip(plants, spent, strict=True):
                 _visit(wake, times)
-    rows = [
-        {"precision": name, **_row(wake, value, times)}
-        for wake, (value, name), times in zip(plants, cases, spent, strict=True)
-    ]
+    rows = [{"precision": case[1], **_row(*each)} for case, *each in zip(cases, plants, spent, strict=True)]
     report(json_file, rows, {"rounds": ROUNDS, "versions": versions("stillwake", "numpy", "numba")}, tables.steps)
 
 
@@ -88,7 +85,7 @@ def _visit(wake: TruckWake, times: defaultdict[str, list[float]]) -> None:
     times["product"].append(min(_clock(lambda: rows @ square) for _ in range(20)))
 
 
-def _row(wake: TruckWake, refinement: float, times: dict[str, list[float]]) -> dict[str, Any]:
+def _row(wake: TruckWake, times: dict[str, list[float]]) -> dict[str, Any]:
     (nx, ny), steps = wake.grid.shape, wake.config.substeps
     cells, h = nx * ny, ny // 2
     period = {name: median(values) for name, values in times.items()}
@@ -101,16 +98,12 @@ def _row(wake: TruckWake, refinement: float, times: dict[str, list[float]]) -> d
     # There are two forward and two inverse transforms, each of which has an even and an odd half.
     transforms = 4 * 2 * nx * h * h
     return {
-        "refinement": refinement,
         "cells": cells,
-        "steps_per_t_c": steps / wake.config.control_period,
         "cpu_s_per_t_c": period["free"] / wake.config.control_period,
         "forced_cpu_s_per_t_c": period["forced"] / wake.config.control_period,
         "ns_per_cell_and_step": 1e9 * period["free"] / steps / cells,
         "floor_sweeps_ns": 1e9 * sweeps / bandwidth / cells,
         "floor_transforms_ns": 1e9 * transforms / arithmetic / cells,
-        "bandwidth_GB_per_s": bandwidth / 1e9,
-        "GFLOP_per_s": arithmetic / 1e9,
         "shares": {label: seconds / sum(parts.values()) for label, seconds in parts.items()},
     }
 

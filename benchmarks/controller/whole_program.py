@@ -2,7 +2,7 @@
 
 Two builds are made. The first is the firmware as the exported folder builds it; GCC reports the stack that its machine
 code needs (`-fcallgraph-info`). The second is the whole program at link time, without inlining: GCC knows the range of
-every parameter and reports the largest number of passes of each loop. The sources are not parsed here.
+every parameter and reports the largest number of passes of each loop.
 
 A call through a pointer may reach every function whose address is taken and whose type fits the pointer. GCC lists the
 functions whose address is taken, and their types.
@@ -13,18 +13,18 @@ import subprocess
 import tempfile
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from contract.controller.c_folder import REPLAY
 from contract.errors import McuError
 
 COMPILER: Final = "arm-none-eabi-gcc"
-"""Name of the compiler; its package in Debian is gcc-arm-none-eabi."""
-CORE: Final = ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-sp-d16")
-BARE: Final = (*CORE, "-std=c99", "-O2", "-ffp-contract=off", "-fno-unroll-loops", "-ffreestanding",
-               "-ffunction-sections", "-fdata-sections", "-g1")  # fmt: skip
+BARE: Final = (
+    *("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-sp-d16", "-std=c99", "-O2", "-ffp-contract=off"),
+    *("-fno-unroll-loops", "-ffreestanding", "-ffunction-sections", "-fdata-sections", "-g1"),
+)
 """The flags of the compiler in the exported folder's CMakeLists.txt."""
 AS_WRITTEN: Final = ("-flto", "-fno-inline", "-fno-partial-inlining", "-fno-ipa-sra", "-fno-ipa-icf",
                      "-fno-aggressive-loop-optimizations")  # fmt: skip
@@ -50,43 +50,35 @@ _NODE: Final = re.compile(r'^node: { title: "([^"]+)" label: "([^"]*)"', re.MULT
 _EDGE: Final = re.compile(r'^edge: { sourcename: "([^"]+)" targetname: "([^"]+)"(?: label: "([^"]*)")?', re.MULTILINE)
 _TAKEN: Final = re.compile(r"^(\S+)/\d+ \(.*\n  Type: function.*\n(?:  .*\n)*?  Address is taken\.", re.MULTILINE)
 _COPY: Final = re.compile(r"\.(?:constprop|lto_priv|isra)(?:\.\d+)?")
-"""Pattern of the suffixes that GCC gives to copies of a function. A part that GCC splits off a function has another
-suffix and is counted as a separate function."""
+"""Pattern of the suffixes that GCC gives to copies of a function, but not to parts that it splits off a function."""
 _INDIRECT: Final = "__indirect_call"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Loop:
-    """A loop of the program: its file, its line, and the largest number of passes that GCC proves, None if GCC
-    proves no bound."""
+class Loop(NamedTuple):
+    """A loop of the program, its place, and the largest number of passes that GCC proves; None if it proves none."""
 
     function: str
     place: str
     most: int | None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Calls:
-    """The calls of a program: each function's stack in bytes, the functions that it calls, and the places of calls
-    through pointers without a known target."""
+class Calls(NamedTuple):
+    """Each function's stack in bytes, the functions that it calls, and calls through pointers without known targets."""
 
     stack: dict[str, int]
     calls: dict[str, set[str]]
     unresolved: tuple[str, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Built:
+class Built(NamedTuple):
     """The firmware as the exported folder builds it: its calls after inlining, and the linked image, an ELF file."""
 
     calls: Calls
     image: bytes
 
 
-@dataclass(frozen=True, kw_only=True)
-class WholeProgram:
-    """The firmware as it is written in the sources (calls without inlining), and as the exported folder builds it;
-    `pointed_at` are the functions whose address is taken."""
+class WholeProgram(NamedTuple):
+    """The firmware as written (without inlining), and as built; `pointed_at`: functions whose address is taken."""
 
     loops: tuple[Loop, ...]
     written: Calls
@@ -97,15 +89,12 @@ class WholeProgram:
 def read_program(files: Mapping[str, bytes]) -> WholeProgram:
     """Compile a firmware (`firmware_sim.mcu.build.board_files`) twice and read GCC's reports. Raises McuError if the
     firmware does not compile, or there is no compiler."""
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
-        names = _written(folder, files)
+    with _written(files) as (folder, names):
         for name in names:
             alone = name == _CALLED_BY_THE_COMPILER
-            _run(folder, *BARE, *(() if alone else AS_WRITTEN), "-c", name, "-o", f"{name}.lto.o")
-        objects = [f"{name}.lto.o" for name in names]
+            _run(folder, *BARE, *(() if alone else AS_WRITTEN), "-c", name, "-o", f"{name}.o")
         whole = ("-flto-partition=none", "-fwhole-program", "-fcallgraph-info=su", "-save-temps=obj", *DUMPS)
-        _run(folder, *BARE, *AS_WRITTEN, *whole, *_LINK, *objects, "-lgcc", "-o", "whole.elf")
+        _run(folder, *BARE, *AS_WRITTEN, *whole, *_LINK, *(f"{name}.o" for name in names), "-lgcc", "-o", "whole.elf")
         reports = [path for end in ("cunrolli", "ci", "whole-program") for path in folder.glob(f"whole*.{end}")]
         bodies, graph, symbols = (path.read_text(encoding="utf-8") for path in reports)
     _, titles = calls_of([graph], {})
@@ -123,9 +112,7 @@ def read_program(files: Mapping[str, bytes]) -> WholeProgram:
 def read_built(files: Mapping[str, bytes], reached: Mapping[str, set[str]] | None = None) -> Built:
     """Compile a firmware as the exported folder does. `calls_of` explains `reached`, which is None if no function
     is called through a pointer. Raises McuError as `read_program` does."""
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
-        names = _written(folder, files)
+    with _written(files) as (folder, names):
         for name in names:
             _run(folder, *BARE, "-fcallgraph-info=su", "-c", name, "-o", f"{name}.o")
         _run(folder, *BARE, *_LINK, *(f"{name}.o" for name in names), "-lgcc", "-o", "board.elf")
@@ -133,10 +120,13 @@ def read_built(files: Mapping[str, bytes], reached: Mapping[str, set[str]] | Non
         return Built(calls=calls_of(graphs, reached or {})[0], image=(folder / "board.elf").read_bytes())
 
 
-def _written(folder: Path, files: Mapping[str, bytes]) -> list[str]:
-    for name, content in files.items():
-        (folder / name).write_bytes(content)
-    return sorted(name for name in files if name.endswith(".c") and name != REPLAY)
+@contextmanager
+def _written(files: Mapping[str, bytes]) -> Iterator[tuple[Path, list[str]]]:
+    """Yield a temporary folder with the files, and the names of the sources to compile."""
+    with tempfile.TemporaryDirectory() as place:
+        for name, content in files.items():
+            Path(place, name).write_bytes(content)
+        yield Path(place), sorted(name for name in files if name.endswith(".c") and name != REPLAY)
 
 
 def calls_of(graphs: Iterable[str], reached: Mapping[str, set[str]]) -> tuple[Calls, dict[str, str]]:

@@ -1,14 +1,15 @@
 """The longest control period of the firmware: constructed drives on the emulated board, and a bound from all drives.
 
 A period is all work of the core from the end of one step to the end of the next step: the step, and one pass of the
-main loop for each frame that wakes the core. Each constructed drive has a different cause that makes steps longer, such
-as iterations, a full bus or lost frames. The bound adds, over all basic blocks of the firmware, the largest number of
-cycles that a block took in any period of any drive. So it assumes that all worst cases come together in one period.
+main loop for each frame that wakes the core. Each constructed drive makes steps longer by another cause. The bound adds
+the largest number of cycles that each basic block of the firmware took in any period of any drive. So it assumes that
+all worst cases come together in one period.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -42,9 +43,8 @@ _ROOM: Final = 120
 
 
 class Vehicle:
-    """The frames that a vehicle sends: recorded pressures, which repeat, and a speed. `rows` are n recorded rows with
-    the pressures Cp at the S sensors and the action, shape (n, S+1). If `asks`, the vehicle requests control from its
-    second period on."""
+    """The frames that a vehicle sends: recorded pressures, which repeat, and a speed; `rows` are as in `worst_periods`.
+    If `asks`, the vehicle requests control from its second period on."""
 
     def __init__(self, config: Config, rows: ProgramRows, *, asks: bool = True) -> None:
         self.config, self._rows, self._asks, self.number = config, rows, asks, 0
@@ -88,8 +88,7 @@ class Vehicle:
         return [other] * min(self.config.period_ns // takes_ns, _ROOM)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Period:
+class Period(NamedTuple):
     """A control period that starts late by `late_ns`. The frames of the flood wake the core before the vehicle's
     frames."""
 
@@ -108,8 +107,8 @@ class Measured(NamedTuple):
     is_mean: bool
 
 
-Most = dict[int, tuple[int, int]]
-"""Largest numbers of instructions and cycles that a basic block took in a period, by the block's address."""
+Most = dict[int, int]
+"""Largest number of cycles that a basic block took in a period, by the block's address."""
 
 
 def worst_periods(
@@ -123,12 +122,9 @@ def worst_periods(
     """Run the drives and return the time and memory that the firmware needs: times in ms for each clock in MHz, memory
     in bytes. Raises McuError if the library does not compile or run, or the ECU does not take control.
 
-    Args:
-        sources: files of the library by name, among them `sw_ecu_settings.h`.
-        config: settings of the vehicle; with `bus.key`, frames are authenticated.
-        rows: n recorded rows with the pressures Cp at the S sensors and the action, shape (n, S+1).
-        firmware: firmware compiled from these sources; if None, it is compiled.
-        drives: names of the drives to run after the warm-up; if None, all drives.
+    `sources` are the files of the library by name, among them `sw_ecu_settings.h`; `firmware` is compiled from them if
+    it is None. With `bus.key` in `config`, frames are authenticated. `rows` are n recorded rows with the pressures Cp
+    at the S sensors and the action, shape (n, S+1). `drives` are run after the warm-up; None means all drives.
     """
     secret = KEY_BYTES if config.bus.key else None
     ecu, vehicle = BoardEcu(sources, firmware=firmware, secret=secret), Vehicle(config, rows)
@@ -157,17 +153,15 @@ def worst_periods(
     return {
         "mean_ms": _ms(float(np.mean([one.cycles for one in in_control]))),
         "worst_ms": _ms(worst.cycles),
-        # The bound assumes one period in which every block takes its largest numbers of all periods.
-        "bound_ms": _ms(sum(cycles for _, cycles in most.values())),
+        # The bound assumes one period in which every block takes its largest number of cycles of all periods.
+        "bound_ms": _ms(sum(most.values())),
         "drives_ms": {name: _ms(max(one.cycles for one in ran if one.drive == name)) for name in names},
         "instructions": worst.instructions,
-        "bound_instructions": sum(count for count, _ in most.values()),
         "instruction_spread": max(instructions) - min(instructions),
         "frames": frames,
         "flash_bytes": flash_bytes(ecu.firmware),
         "ram_bytes": linked_ram(ecu.firmware) + stack,
         "stack_b": stack,
-        "periods": len(ran),
     }
 
 
@@ -176,13 +170,14 @@ def _ms(cycles: float) -> dict[str, float]:
 
 
 def _period(ecu: BoardEcu, now_ns: int, period: Period, name: str, most: Most) -> Measured:
-    """Run a control period, and update the largest numbers of each block in `most`."""
-    blocks = dict[int, tuple[int, int]]()
+    """Run a control period, and update the largest number of each block in `most`."""
+    instructions, cycles = 0, Counter[int]()
 
     def count() -> None:
-        for address, instructions, cycles in ecu.board.blocks.blocks():
-            before = blocks.get(address, (0, 0))
-            blocks[address] = before[0] + instructions, before[1] + cycles
+        nonlocal instructions
+        for address, of_block, took in ecu.board.blocks.blocks():
+            instructions += of_block
+            cycles[address] += took
 
     if period.flood:
         ecu.board.blocks.start()
@@ -191,11 +186,8 @@ def _period(ecu: BoardEcu, now_ns: int, period: Period, name: str, most: Most) -
         count()
     ecu.step(now_ns, period.frames, period.health)
     count()
-    for address, (instructions, cycles) in blocks.items():
-        before = most.get(address, (0, 0))
-        most[address] = max(before[0], instructions), max(before[1], cycles)
-    instructions, cycles = (sum(one) for one in zip(*blocks.values(), strict=True))
-    return Measured(name, cycles, instructions, name == _OWN_GOAL and ecu.trace.mode is Mode.CONTROL)
+    most |= {address: max(most.get(address, 0), took) for address, took in cycles.items()}
+    return Measured(name, cycles.total(), instructions, name == _OWN_GOAL and ecu.trace.mode is Mode.CONTROL)
 
 
 def _tiny(ecu: BoardEcu, saved: bytes) -> bytes:

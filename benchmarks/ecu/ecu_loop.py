@@ -3,20 +3,17 @@
     python -m benchmarks ecu-loop [--json FILE]
 
 Each ECU controls the live wake from the same initial state over the same bus. In the loop with the emulated core, a
-second ECU on this machine receives the same frames at the same times. This second ECU has the same sources and the same
-compiler, and fuses the same floating-point operations. After every step, all frames and the whole states of
-both ECUs are compared bit for bit. The virtual compute time is the core's modelled time in this loop, and
-`ecu.compute_time_ms` in the loops with the two other ECUs. Finished loops are stored in a folder named after the hash
-of their inputs, so that an interrupted measurement can be continued.
+second ECU on this machine receives the same frames at the same times. It has the same sources and compiler, and fuses
+the same floating-point operations. After every step, all frames and the whole states of both ECUs are compared bit for
+bit. The virtual compute time is the core's modelled time in this loop, and `ecu.compute_time_ms` in the other loops.
+Finished loops are stored in a folder named after the hash of their inputs.
 """
 
 import hashlib
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Final, Unpack
 
 import numpy as np
@@ -27,15 +24,13 @@ from benchmarks.ecu import tables
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame
 from contract.config.loading import load_config
-from contract.config.tree import Config
 from contract.controller.calibration import Calibration
 from contract.errors import McuError, install
-from contract.release.checks import Bundle
 from contract.results import versions
 from ecu.ecu_state import EcuState, Surroundings
 from ecu.in_c.c_ecu import CEcu, ecu_sources
 from ecu.in_c.compiler import zig_compiler
-from ecu.stepped import CalibratedEcu, LoopEcu
+from ecu.stepped import CalibratedEcu
 from firmware_sim.bench.ecus import MCU, C, loop_ecu
 from firmware_sim.bench.simulation import Simulation, Spans
 from firmware_sim.mcu.build import COMMON
@@ -44,7 +39,7 @@ from firmware_sim.runs.summary import summary
 from stillwake.console.progress import progress
 from stillwake.parts.c_release import library_folder
 from stillwake.parts.releases import open_release
-from wake.plants import open_plant
+from wake.plants import own_wake
 
 ECUS: Final = (MCU, C, "python")
 COMPARED: Final = (*COMMON, "-march=native")
@@ -81,7 +76,12 @@ def main(
         if ecu is not None and kind == MCU:
             lockstep = Lockstep(ecu.ecu, CEcu(sources, compiler=compiler, flags=COMPARED))
             ecu = replace(ecu, ecu=lockstep)
-        log = driven(release, config, spans, kind, ecu)
+        with progress("periods", console=bars) as shown:
+            log = Simulation(release, config, spans=spans, ecu=ecu).run(
+                own_wake(config),
+                ready=lambda total: shown(f"ECU {kind}", 0, total),
+                progress=lambda row, done, total: shown(f"ECU {kind}", done, total, f"Cd {row.sample.Cd:.3f}"),
+            )
         # A skipped step is null in the results file, because JSON has no NaN.
         commands = [value if np.isfinite(value) else None for value in log.series["command"].tolist()]
         return {"row": figures_of(kind, log, lockstep), "commands": commands}
@@ -90,9 +90,8 @@ def main(
     commands = {kind: np.array(one["commands"], dtype=np.float64) for kind, one in found.items()}
     rows = []
     for kind, one in found.items():
-        apart = np.abs(commands[kind] - commands[C])
         # Steps that an ECU skipped are left out.
-        largest = float(np.max(apart[np.isfinite(apart)], initial=0.0))
+        largest = float(np.nanmax(np.abs(commands[kind] - commands[C]), initial=0.0))
         rows.append(one["row"] | {"largest_command_difference": largest})
     facts = {
         "bundle": release.digest,
@@ -107,31 +106,11 @@ def main(
         console.print(line)
 
 
-def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEcu | None) -> RunLog:
-    """Run one loop from the shipped initial state, with a progress bar; if `ecu` is None, the ECU is in Python."""
-    simulation = Simulation(release, config, spans=spans, ecu=ecu)
-    with ExitStack() as stack:
-        scratch = Path(stack.enter_context(TemporaryDirectory()))
-        wake = stack.enter_context(open_plant("wake", scratch, config))
-        report = stack.enter_context(progress("periods", console=bars))
-        return simulation.run(
-            wake,
-            ready=lambda total: report(f"ECU {kind}", 0, total),
-            progress=lambda row, done, total: report(f"ECU {kind}", done, total, f"Cd {row.sample.Cd:.3f}"),
-        )
-
-
 class Lockstep:
     """A pair of ECUs with the interface of one ECU. Every call goes to `driver` and to `other`. The pair returns the
-    driver's frames, and counts differences between the frames and states of the two ECUs. All other attributes
-    belong to the driver.
-
-    Attributes:
-        steps, frames: numbers of steps and frames compared so far.
-        differing_frames: number of frames that differed in a byte or in time, or that only one ECU sent.
-        differing_states: number of steps after which the states differed in a bit.
-        differences: descriptions of the first differences, one line each.
-    """
+    driver's frames, and counts the compared steps and frames, the frames that differed in a byte or in time or that
+    only one ECU sent, and the steps after which the states differed in a bit. `differences` has a line for each of the
+    first differences. All other attributes belong to the driver."""
 
     def __init__(self, driver: Any, other: CalibratedEcu) -> None:
         self._driver, self._other = driver, other
@@ -175,6 +154,5 @@ def figures_of(kind: str, log: RunLog, lockstep: Lockstep | None) -> dict[str, A
     row = {"kind": kind, **{name: found[name] for name in _KEPT}}
     if lockstep is None:
         return row
-    names = ("differing_frames", "differing_states", "differences")
-    compared = {"steps_compared": lockstep.steps, "frames_compared": lockstep.frames}
-    return row | compared | {name: getattr(lockstep, name) for name in names}
+    names = ("steps_compared", "frames_compared", "differing_frames", "differing_states", "differences")
+    return row | {name: getattr(lockstep, name.removesuffix("_compared")) for name in names}

@@ -5,15 +5,14 @@
 The shipped bundle's check reads the recording as the ECU would, rounded to the signal's resolution. In the first part
 the sensors are healthy; some passages have noise or lost frames. A false alarm excludes a sensor, or reports an
 implausible state, which would shut the jets. After a false alarm the check starts again. In the second part faults
-start at many places of the recording. The recorded flow does not respond to the check. In the closed loop the flow
-would respond, because a faulty sensor changes the jets' action.
+start at many places of the recording. The recorded flow does not respond to the check, as it would in the closed loop.
 
-NumPy computes the estimates of a whole episode together, with the constants of the check's ONNX graph. ONNX Runtime
-computes the first estimates too, for comparison. The ECU's code does everything else, period by period.
+NumPy computes the estimates of a whole episode together, with the constants of the check's ONNX graph; the first ones
+are compared with ONNX Runtime's. The ECU's code does everything else, period by period.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from math import log
 from time import perf_counter
@@ -45,13 +44,12 @@ FIRST, EVERY = 200, 1500
 """Smallest step number at which a fault starts in an episode, and number of steps between two such places."""
 DRIFT_PERIODS: Final = 100
 DISTURBED: Final = ("none", "noise 0.9", "lost 0.3")
-"""Disturbances of the healthy sensors' readings, which are also rounded. The number after "noise" is in global
-deviations; the number after "lost" is the share of lost frames."""
+"""Disturbances of healthy sensors' readings: noise in global deviations, or a share of lost frames."""
 
 
 class Passage(NamedTuple):
-    """An episode of n steps as the ECU reads it from S sensors: its role in the recording, the readings, shape (n, S),
-    the actions in force, shape (n,), and whether the frame of each step arrived, shape (n,)."""
+    """An episode of n steps as the ECU reads it from S sensors: the readings, shape (n, S), the actions in force, shape
+    (n,), and whether the frame of each step arrived, shape (n,)."""
 
     role: str
     cp: Array
@@ -67,8 +65,7 @@ class Moment(NamedTuple):
     state: SensorCheckState
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Lab:
+class Lab(NamedTuple):
     """The shipped sensor check with the ECU's settings; NumPy computes its estimator network."""
 
     check: SensorCheck
@@ -122,21 +119,17 @@ def main(json_file: JsonFile = None) -> None:
     lab.agrees(passages[0])
     for through in DISTURBED:
         for passage in track(passages, f"sound sensors, {through}", "episodes"):
-            found = list(_false_alarms(lab, _read_through(passage, through)))
-            heard.append((through, passage.role, len(passage.cp), sum(isinstance(one, str) for one in found)))
-            if through == "none":
-                moments += [one for one in found if isinstance(one, Moment)]
+            count, found = _false_alarms(lab, _read_through(passage, through))
+            heard.append((through, passage.role, len(passage.cp), count))
+            moments += found if through == "none" else []
     figures = {
         "false_alarms": _rates(heard, config),
         "faults": _faults(lab, release, moments),
         "step_us": _times(check, moments[0], release.manifest.window),
     }
-    facts = {
-        **{"bundle": release.manifest.name, "digest": release.digest},
-        **{"every": EVERY, "longest": LONGEST, "sensor_check": vars(config.ecu.sensor_check)},
-        "versions": versions("numpy", "onnxruntime"),
-    }
-    report(json_file, figures, facts, alarms, faults)
+    settings = {"every": EVERY, "longest": LONGEST, "sensor_check": vars(config.ecu.sensor_check)}
+    facts = {"bundle": release.manifest.name, "digest": release.digest, **settings}
+    report(json_file, figures, facts | {"versions": versions("numpy", "onnxruntime")}, alarms, faults)
 
 
 def _passages(release: Bundle, config: Config) -> list[Passage]:
@@ -177,14 +170,15 @@ def _estimates(network: EstimatorNetwork, windows: Array) -> Array:
     return np.concatenate([network.estimates(part) for part in parts])
 
 
-def _false_alarms(lab: Lab, passage: Passage) -> Iterator[str | Moment]:
-    """Yield a text for every false alarm, and a `Moment` for every place where a fault may start."""
+def _false_alarms(lab: Lab, passage: Passage) -> tuple[int, list[Moment]]:
+    """Return the number of false alarms, and the places where a fault may start."""
     fresh = SensorCheckState.start(window=lab.network.window, sensors=lab.network.sensors)
+    alarms, moments = 0, []
     for step, before, after in lab.read(passage, fresh, restart=fresh):
         if step in range(FIRST, len(passage.cp) - LONGEST + 1, EVERY):
-            yield Moment(passage=passage, step=step, state=before)
-        if _is_alarm(after):
-            yield "alarm"
+            moments.append(Moment(passage=passage, step=step, state=before))
+        alarms += _is_alarm(after)
+    return alarms, moments
 
 
 def _is_alarm(state: SensorCheckState) -> bool:
@@ -215,16 +209,19 @@ def _faults(lab: Lab, release: Bundle, moments: Sequence[Moment]) -> list[dict[s
         **{f"bias {level:+d}": Bias(sensor="", level=float(level)) for level in (1, -1, 2, -2)},
         f"drift 2 in {DRIFT_PERIODS}": Drift(sensor="", level=2.0, over_s=over_s),
     }
-    cases: list[tuple[str, tuple[int, ...], Callable[[], list[SensorFault]]]] = [
-        (name, (j,), partial(_on_each, one, (j,))) for name, one in single.items() for j in range(len(names))
-    ]
-    both, swap = pairs(len(names)), Swap(sensors=("one", "other"))
-    cases += [("swapped", pair, partial(_on_each, swap, (pair,))) for pair in both]
-    cases += [("both dead", pair, partial(_on_each, single["dead"], pair)) for pair in both]
-    cases += [("both biased +2", pair, partial(_on_each, single["bias +2"], pair)) for pair in both]
+    swap = Swap(sensors=("one", "other"))
+    double: dict[str, SensorDisturbance] = {
+        "swapped": swap,
+        "both dead": single["dead"],
+        "both biased +2": single["bias +2"],
+    }
+    cases = [(name, tuple[int, ...]((j,)), one) for name, one in single.items() for j in range(len(names))]
+    cases += [(name, pair, one) for name, one in double.items() for pair in pairs(len(names))]
     found = []
-    for name, liars, make in track(cases, "faults", "kinds and sensors"):
-        outcomes = [_outcome(lab, moment, make()) for moment in moments]
+    for name, liars, one in track(cases, "faults", "kinds and sensors"):
+        places = (liars,) if one is swap else [(j,) for j in liars]
+        begun = ([one.begun(place, Config(), seed=0) for place in places] for _ in moments)
+        outcomes = list(map(partial(_outcome, lab), moments, begun))
         named = [one for one in outcomes if one.set_aside in liars or one.shut]
         periods = [one.periods for one in named]
         found.append({
@@ -237,11 +234,6 @@ def _faults(lab: Lab, release: Bundle, moments: Sequence[Moment]) -> list[dict[s
             "periods_max": max(periods, default=None),
         })  # fmt: skip
     return found
-
-
-def _on_each(one: SensorDisturbance, liars: Sequence[int | tuple[int, ...]]) -> list[SensorFault]:
-    """Return one function per sensor that applies the fault to this sensor; for a swap, `liars` has pairs."""
-    return [one.begun((j,) if isinstance(j, int) else j, Config(), seed=0) for j in liars]
 
 
 def _outcome(lab: Lab, moment: Moment, faults: Sequence[SensorFault]) -> Outcome:

@@ -1,5 +1,4 @@
-"""The tables of the ECU: sensor check, comparison of Python and C, proofs about the C code, flashing, and the loop with
-each ECU."""
+"""The tables of the ECU: sensor check, comparison of Python and C, proofs, flashing, and the loop with each ECU."""
 
 import tomllib
 from itertools import groupby
@@ -18,8 +17,7 @@ _LOST: Final = {
     "reflash_failed": "cases in which no release could be flashed and confirmed",
 }
 _LONG_MS: Final = 3.0
-"""Smallest modelled time in ms of a piece of flashing work that the table lists. After a shorter piece, the control
-step ends long before its period ends."""
+"""Smallest modelled time in ms of a piece of flashing work that the table lists."""
 _ITEMS: Final = ROOT / "tests" / "proofs" / "prove" / "items.toml"
 
 
@@ -42,8 +40,7 @@ Measured on {found["date"]} for {len(facts["variants"])} configurations of the v
 
 
 def proofs(found: Any) -> str:
-    """Return two tables. The first lists the proved statements on each part of the exported C, with bounds and
-    assumptions. The second lists the items that are not proved, with the reasons."""
+    """Return tables of what is proved on each part of the exported C, and of what is not proved, with the reasons."""
     of, facts = found["figures"], found["facts"]
     parts: dict[str, list[Any]] = {}
     undecided: dict[str, list[str]] = {}

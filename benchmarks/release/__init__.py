@@ -1,2 +1,1 @@
-"""The shipped release in the closed loop: measurements, and tables of results of `stillwake run` and `develop
---steady`."""
+"""Measurements of the shipped release in the closed loop, and tables of their results."""

@@ -3,8 +3,7 @@
     python -m benchmarks drive [--quick] [--only steady-120] [--json FILE]
 
 Each row is a run of `stillwake run --drive`: 25 t_c at the design speed without control, then the drive. The first 40
-t_c of the drive are not evaluated. For comparison, the same drive is run with the jets shut. Each finished run is
-stored in a file.
+t_c of the drive are not evaluated. For comparison, the same drive is run with the jets shut.
 """
 
 from collections.abc import Mapping
@@ -84,7 +83,6 @@ def main(
 
 
 def _row(case: Case, runs: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the medians over the starts, the range of the reduction, and the texts about lost control in all runs."""
     medians = {name: median(run[name] for run in runs) for name in runs[0] if name not in ("name", "trouble")}
     percent = int(case.drive.removeprefix("steady-")) if case.drive.startswith("steady-") else None
     reductions = [run["reduction_percent"] for run in runs]
@@ -105,8 +103,7 @@ def outcome(config: Config, case: Case, phase: int, phases: int) -> Mapping[str,
     drive = find_drive(case.drive, point)
     flow = drive.substeps(config.flow, point)
     if any(text.startswith("reynolds") for text in case.disturbed):
-        # At a higher Reynolds number the jets' vortices are thinner and faster; with the usual coarse time steps the
-        # solver diverged.
+        # At a higher Reynolds number the solver diverged with the usual time steps.
         flow = replace(flow, substeps=2 * flow.substeps)
     wake = TruckWake(flow, body=config.body)
     wake.reset(replace(_start(config), substep=0))

@@ -5,10 +5,8 @@ iterations.
 
 A release's iterations act on the cost terms for which its prior was not trained (`unknown_to_prior` in
 `contract.controller.goal`). So the run without iterations uses the same release, with the weights of these terms set to
-0. If a case itself sets these weights to 0, the controller would iterate in neither run. Such a case is not run. In
-every other case, the cost is computed with the case's weights from the flow over the whole averaged time. Both runs of
-a pair start in the same wake. The table shows the change of the cost in per cent, with the 95 % interval of the mean
-change by Student's t.
+0. A case that itself sets these weights to 0 is not run. Both runs of a pair start in the same wake. The table shows
+the change, in per cent, of the cost with the case's weights, and the 95 % interval of the mean change by Student's t.
 """
 
 from collections.abc import Mapping
@@ -21,7 +19,6 @@ import numpy as np
 from benchmarks.common.command_line import JsonFile, Parts, Workers, kept_runs, report
 from benchmarks.release import tables
 from benchmarks.release.release_loop import SPANS, facts_of, half_width_95, kept_starts, run_from
-from contract.config.controller import CostWeights
 from contract.config.loading import load_config
 from contract.controller.calibration import Calibration
 from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT
@@ -52,7 +49,6 @@ CASES: Final = (
 NONE: Final = {"drag_fluctuation": 0.0, "lift_mean": 0.0, "smoothness": 0.0, "rate": 0.0, "prior": 0.0}
 """Weights of the cost terms for which the prior was not trained, in the runs without iterations."""
 PHASES: Final = 3
-"""Number of starting phases in a shedding cycle."""
 
 
 def main(json_file: JsonFile = None, parts: Parts = Path("runs/iterations"), workers: Workers = 1) -> None:
@@ -71,29 +67,24 @@ def main(json_file: JsonFile = None, parts: Parts = Path("runs/iterations"), wor
     costs = kept_runs(outcome, runs, workers=workers, label="iterations")
     changes: dict[str, list[float]] = {case.name: [] for case in acting}
     for (_, case, _), with_them, without in zip(list(runs.values())[::2], costs[::2], costs[1::2], strict=True):
-        changes[case.name].append(100.0 * (with_them["cost"] / without["cost"] - 1.0))
-    figures = {case.name: _interval(changes.get(case.name, [0.0, 0.0])) for case in CASES}
-    pairs = {case.name: len(changes.get(case.name, ())) for case in CASES}
+        changes[case.name].append(100.0 * (with_them / without - 1.0))
+    figures, pairs = {}, {case.name: len(changes.get(case.name, ())) for case in CASES}
+    for case in CASES:
+        values = changes.get(case.name, [0.0, 0.0])
+        mean, half = float(np.mean(values)), half_width_95(values)
+        figures[case.name] = {"mean": mean, "lower": mean - half, "upper": mean + half}
     facts = facts_of(release, iterations=release.manifest.mpc.iterations, pairs=pairs)
     upper = figures[CASES[0].name]["upper"]
     report(json_file, {"change_percent": figures, "change_percent_upper": upper}, facts, tables.iterations)
 
 
-def _interval(values: list[float]) -> dict[str, float]:
-    mean, half = float(np.mean(values)), half_width_95(values)
-    return {"mean": mean, "lower": mean - half, "upper": mean + half}
-
-
 def calibrated(own: Calibration, case: Case, *, iterated: bool) -> Calibration:
-    """Return the calibration of a run, with the weights of the case. If `iterated` is False, the weights of all terms
-    for which the prior was not trained are 0, so the controller does not iterate."""
-    weights = replace(own.weights, **case.weights)
-    if not iterated:
-        weights = replace(weights, **NONE)
+    """Return the calibration of a run, with the weights of the case; the weights in `NONE` unless `iterated`."""
+    weights = replace(own.weights, **{**case.weights, **({} if iterated else NONE)})
     return replace(own, weights=weights, action_limit=case.limit * own.action_limit, delay_steps=case.delay)
 
 
-def outcome(start: Path, case: Case, iterated: bool) -> dict[str, float]:
+def outcome(start: Path, case: Case, iterated: bool) -> float:
     """Return the cost of the averaged part of a run, with the case's weights."""
     release = bundles.load(BUNDLE)
     config = replace(load_config(), mpc=release.manifest.mpc)
@@ -104,9 +95,8 @@ def outcome(start: Path, case: Case, iterated: bool) -> dict[str, float]:
     found = averages(log)
     if isinstance(found, NoAverages):
         raise RuntimeError(f"{case.name}: {found}")
-    under = found.under
-    weights: CostWeights = calibrated(own, case, iterated=True).weights
+    under, weights = found.under, calibrated(own, case, iterated=True).weights
     action = log.series["action"][-round((SPANS.controlled - SPANS.settle) / config.flow.control_period) :]
     steps = float(np.mean(np.diff(action) ** 2))
     cost = weights.drag_mean * under.Cd + weights.lift * under.abs_Cl + weights.effort * under.rms_action**2
-    return {"cost": cost + weights.smoothness * steps, "Cd": under.Cd, "abs_Cl": under.abs_Cl, "steps": steps}
+    return cost + weights.smoothness * steps

@@ -108,8 +108,7 @@ def _histogram(axes: Axes, found: Mapping[str, Any], label: str) -> None:
 
 
 def mean_flows(wake: TruckWake, flows: Sequence[Flow]) -> Figure:
-    """Plot the mean velocity u behind the truck, without and with control, with the boundary of the reverse flow and
-    the bubble length."""
+    """Plot the mean velocity u behind the truck without and with control, with the bubble and its length."""
     left, right, low, high = _BEHIND
     view = (wake.body.length + left, wake.body.length + right, low, high)
     figure = Figure(figsize=(9.0, 5.4), dpi=100, layout="constrained")

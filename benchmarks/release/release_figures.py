@@ -6,8 +6,7 @@ The benchmark runs the closed loop as `stillwake run` does, stores every forecas
 flow without and with control. Pictures are written to docs/pictures.
 
 A forecast assumes that the jets follow the optimiser's plan, but later control steps may change the plan from its
-second action on. The error at h = 1 .. H is the distance between the forces that were forecast at t_k for t_{k+h} and
-the flow's forces at t_{k+h}.
+second action on.
 """
 
 from contextlib import nullcontext
@@ -28,7 +27,7 @@ from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs.run_log import Row, RunFolder, RunLog
 from stillwake.console.progress import progress
 from stillwake.parts.releases import open_release
-from wake.plants import open_plant
+from wake.plants import own_wake
 from wake.solver.grid import Flow
 from wake.truck.develop import recirculation_length
 from wake.truck.truck_wake import TruckWake
@@ -51,11 +50,6 @@ class Listening:
         self.latest = self.inner.control_step(*given, **named)
         return self.latest
 
-    def taken(self) -> ControlStep | None:
-        """Return the result of the latest step and delete it from this object."""
-        step, self.latest = self.latest, None
-        return step
-
 
 def main(json_file: JsonFile = None) -> None:
     """Run the closed loop once, and write figures and pictures."""
@@ -63,12 +57,12 @@ def main(json_file: JsonFile = None) -> None:
     horizon, period = release.manifest.mpc.horizon, config.flow.control_period
     listening, forecasts = Listening(OnnxController.of(release)), list[Array]()
     first, settled = round(SPANS.lead_in / period), round((SPANS.lead_in + SPANS.settle) / period)
-    with open_plant("wake", RUN, config) as wake, progress("periods", console=bars) as shown:
-        assert isinstance(wake, TruckWake)
+    wake = own_wake(config)
+    with progress("periods", console=bars) as shown:
         flows, counts = [Flow.zeros(wake.grid.shape) for _ in range(2)], [0, 0]
 
         def show(row: Row, done: int, total: int) -> None:
-            step = listening.taken()
+            step, listening.latest = listening.latest, None
             forecasts.append(np.full((horizon, 2), np.nan) if step is None else step.forces)
             if done <= first or done > settled:
                 case = done > first
@@ -76,8 +70,8 @@ def main(json_file: JsonFile = None) -> None:
                 flows[case].flat[:] += (wake.flow.flat - flows[case].flat) / counts[case]
             shown("closed loop", done, total, f"Cd {row.sample.Cd:.3f}")
 
-        given: dict[str, Any] = {"controller": listening, "plant": nullcontext(wake), "progress": show}
-        log = run_closed_loop(RUN, release, config, SPANS, **given)
+        plant = nullcontext(wake)
+        log = run_closed_loop(RUN, release, config, SPANS, controller=listening, plant=plant, progress=show)
     figures = measured(log, np.array(forecasts), settled) | {"mean": [_mean(wake, flow) for flow in flows]}
     facts = {
         "bundle": {"name": release.manifest.name, "digest": release.digest},
@@ -100,10 +94,7 @@ def measured(log: RunLog, forecasts: Array, settled: int) -> dict[str, Any]:
     spans = (slice(0, log.enabled_at), slice(settled, len(truth)))
     return {
         "forecast": [_errors(h, found) for h, found in enumerate(errors, start=1)],
-        "sigma": {
-            case: {"drag": float(truth[span, 0].std()), "lift": float(truth[span, 1].std())}
-            for case, span in zip(CASES, spans, strict=True)
-        },
+        "sigma": {"uncontrolled": {name: float(truth[spans[0], i].std()) for i, name in enumerate(("drag", "lift"))}},
         "base_Cp": _distribution([log.series["base_Cp"][span] for span in spans]),
         "Uy": _distribution([log.series["Uy_probe"][span] for span in spans]),
     }
@@ -111,8 +102,7 @@ def measured(log: RunLog, forecasts: Array, settled: int) -> dict[str, Any]:
 
 def forecast_errors(forecasts: Array, truth: Array) -> list[Array]:
     """Return |forecast - truth| at each h = 1 .. H, as an array of shape (m_h, 2) for the m_h comparable forecasts. Row
-    k of the forecasts, shape (n, H, 2), is for the periods k + 1 .. k + H; NaN if missing. `truth` are the forces of
-    the flow, shape (n, 2)."""
+    k of the forecasts, shape (n, H, 2), is for the periods k + 1 .. k + H; NaN if missing. `truth`: (n, 2)."""
     found = []
     for ahead in range(1, forecasts.shape[1] + 1):
         error = np.abs(forecasts[: len(truth) - ahead, ahead - 1] - truth[ahead:])
@@ -124,7 +114,6 @@ def _errors(ahead: int, found: Array) -> dict[str, Any]:
     low, high = np.quantile(found, (0.1, 0.9), axis=0)
     return {
         "h": ahead,
-        "forecasts": len(found),
         **{
             name: {"mean": float(found[:, i].mean()), "p10": float(low[i]), "p90": float(high[i])}
             for i, name in enumerate(("drag", "lift"))
@@ -140,7 +129,6 @@ def _distribution(values: list[Array]) -> dict[str, Any]:
         **{
             case: {
                 "density": np.histogram(one, edges, density=True)[0].tolist(),
-                "samples": len(one),
                 "mean": float(one.mean()),
                 "std": float(one.std()),
             }
@@ -150,10 +138,5 @@ def _distribution(values: list[Array]) -> dict[str, Any]:
 
 
 def _mean(wake: TruckWake, flow: Flow) -> dict[str, Any]:
-    seen = wake.surface.measure(flow)
-    return {
-        "recirculation_length": recirculation_length(wake.grid, flow),
-        "Cd": float(seen.Cd),
-        "Cl": float(seen.Cl),
-        "Cp": np.asarray(seen.Cp).tolist(),
-    }
+    length, cp = recirculation_length(wake.grid, flow), wake.surface.measure(flow).Cp
+    return {"recirculation_length": length, "Cp": np.asarray(cp).tolist()}

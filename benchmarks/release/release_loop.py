@@ -3,8 +3,7 @@
     python -m benchmarks release-loop [--bundle BUNDLE] [--config FILE] [--json FILE]
 
 Each run is computed as by `stillwake run`, over CAN and with ONNX Runtime in int8: 25 t_c without control and 100 t_c
-with control. The last 60 t_c are averaged. For another body, give its settings and a release for this body. The body's
-wake is then developed from fluid at rest before the runs. Finished runs are stored.
+with control. The last 60 t_c are averaged. For another body, give its settings and a release for this body.
 """
 
 from collections.abc import Mapping, Sequence
@@ -60,10 +59,13 @@ def main(
     runs = {kept.path / f"phase_{number}.json": (kept.start(number),) for number in range(phases)}
     rows = kept_runs(partial(measured, bundle, config), runs, workers=workers, label="release")
     over_phases = spread(rows)
-    settings = {"body": asdict(config.body), "flow": asdict(config.flow), "mpc": asdict(release.manifest.mpc)}
-    phases_t_c = [apart * config.flow.control_period for apart in phases_apart(phases, config)]
-    sensors = list(release.manifest.sensors)
-    facts = facts_of(release, SPANS, sensors=sensors, **settings, phases_t_c=phases_t_c)
+    settings: dict[str, Any] = {
+        "body": asdict(config.body),
+        "flow": asdict(config.flow),
+        "mpc": asdict(release.manifest.mpc),
+    }
+    settings["phases_t_c"] = [apart * config.flow.control_period for apart in phases_apart(phases, config)]
+    facts = facts_of(release, SPANS, sensors=list(release.manifest.sensors), **settings)
     means = {name: found["mean"] for name, found in over_phases.items()}
     report(json_file, {**means, "phases": rows, "over_phases": over_phases}, facts, release_loop)
 
@@ -91,12 +93,9 @@ def kept_starts(parts: Path, release: Bundle, phases: int, config: Config) -> Ca
 
 
 def with_net(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a run's figures and two further reductions in per cent, which include the costs of the jets.
-
-    `net_reduction_percent` is the reduction of `Cd_net`, which includes wall, slot faces and the jets' momentum.
-    `net_of_power_percent` is the reduction of the sum of `Cd_net` and the jets' power. The two can be added, because a
-    drag with Cd = 1 costs `jet_power` = 1 at the vehicle's speed.
-    """
+    """Return a run's figures and two further reductions in per cent, which include the costs of the jets: of `Cd_net`
+    (wall, slot faces and the jets' momentum), and of the sum of `Cd_net` and the jets' power. The two can be added,
+    because a drag with Cd = 1 costs `jet_power` = 1 at the vehicle's speed."""
     before, under = row["Cd_net_uncontrolled"], row["Cd_net_controlled"]
     return {
         **row,
@@ -106,11 +105,9 @@ def with_net(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def spread(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
-    """Return mean, minimum and maximum of every figure over the starting phases.
-
-    With several phases the result also has the half width of the mean's 95 % confidence interval. The interval assumes
-    independent starts, so it is too narrow if neighbouring starts give similar results.
-    """
+    """Return mean, minimum and maximum of every figure over the starting phases, with several phases also the half
+    width of the mean's 95 % confidence interval. The interval assumes independent starts, so it is too narrow if
+    neighbouring starts give similar results."""
     found = {}
     for name in FIGURES:
         values = [row[name] for row in rows]

@@ -20,9 +20,9 @@ from contract.model.model_folder import DESCRIPTION, MODEL_WEIGHTS, read
 from contract.release import bundle as bundles
 from contract.release.checks import sha256
 from contract.release.signing import project_key
+from contract.shipped import BUNDLE
 
 DATA: Final = ROOT / "data" / "stillwake_data"
-BUNDLE: Final = ROOT / "contract" / "release" / "shipped"
 
 
 def ship(model: Path, release: Path, *, command: str, on: date, data: Path = DATA, bundle: Path = BUNDLE) -> None:

@@ -1,13 +1,10 @@
-"""The tables of the shipped release in the closed loop: from several starting phases, at other speeds, in the campaign,
-on the second plant, compared with other ways to reduce drag, and with the steady wake.
-"""
+"""The tables of the release in the closed loop: its starts, other speeds, the campaign, other plants, other methods."""
 
 import re
 from collections import Counter
 from collections.abc import Mapping
-from itertools import chain
 from textwrap import fill
-from typing import Any
+from typing import Any, Final
 
 from benchmarks.common.documents import table
 
@@ -30,8 +27,8 @@ def release_forecasts(found: Any) -> str:
     rows = []
     for row in figures["forecast"]:
         if row["h"] == 1 or row["h"] % 5 == 0:
-            spans = ((one["mean"], f"{one['p10']:.4f}..{one['p90']:.4f}") for one in (row["drag"], row["lift"]))
-            rows.append((row["h"], *chain.from_iterable(spans)))
+            drag, lift = ((one["mean"], f"{one['p10']:.4f}..{one['p90']:.4f}") for one in (row["drag"], row["lift"]))
+            rows.append((row["h"], *drag, *lift))
     heads = ("h", "mean error of Cd", "10 to 90 %", "mean error of Cl", "10 to 90 %")
     return f"""{table(heads, rows)}
 
@@ -43,13 +40,12 @@ of {sigma["drag"]:.3f} and {sigma["lift"]:.3f}."""
 def release_distributions(found: Any) -> str:
     """Return the table of base pressure, velocity at the probe and bubble length, with the paper's values."""
     figures = found["figures"]
-    base, probe, mean = figures["base_Cp"], figures["Uy"], figures["mean"]
-    cases = ("uncontrolled", "controlled")
+    base, probe = ([figures[name][case] for case in ("uncontrolled", "controlled")] for name in ("base_Cp", "Uy"))
     rows = [
-        ("base Cp, mean", *(base[case]["mean"] for case in cases), -0.441, -0.283),
-        ("base Cp, standard deviation", *(base[case]["std"] for case in cases), None, None),
-        ("Uy at (10, 0), standard deviation", *(probe[case]["std"] for case in cases), 0.516, 0.396),
-        ("recirculation bubble, W", *(one["recirculation_length"] for one in mean), None, None),
+        ("base Cp, mean", *(one["mean"] for one in base), -0.441, -0.283),
+        ("base Cp, standard deviation", *(one["std"] for one in base), None, None),
+        ("Uy at (10, 0), standard deviation", *(one["std"] for one in probe), 0.516, 0.396),
+        ("recirculation bubble, W", *(one["recirculation_length"] for one in figures["mean"]), None, None),
     ]
     return table(("", "uncontrolled", "controlled", "paper, uncontrolled", "paper, controlled"), rows)
 
@@ -76,21 +72,16 @@ def summary(demo: Any, openfoam: Any, sines: Any, phases: Any, roads: Any, drive
     loop, second, spread = demo["figures"], openfoam["figures"], phases["figures"]["over_phases"]
     sine = min((row for row in sines["figures"] if row["frequency"] > 0), key=lambda row: float(row["Cd"]))
     linear = next(row for row in roads["figures"] if row["road"] == "linear-under-release")
-    names = ("Cd", "base_Cp", "abs_Cl", "Cd_net")
     averaged = ("abs_Cl_controlled", "Cd_net_controlled", "rms_action", "jet_power_controlled")
     drag, starts = spread["reduction_percent"], len(phases["figures"]["phases"])
     rows: list[tuple[object, ...]] = [
-        ("uncontrolled", *(loop[f"{name}_uncontrolled"] for name in names), 0.0, 0.0, ""),
+        ("uncontrolled", *(loop[f"{name}_uncontrolled"] for name in _MEANS), 0.0, 0.0, ""),
         (
             f"best sine without feedback (frequency {sine['frequency']:.2f})",
-            *(sine[name] for name in (*names, "rms_action", "jet_power")),
+            *(sine[name] for name in (*_MEANS, "rms_action", "jet_power")),
             f"{100 * (1 - sine['Cd'] / loop['Cd_uncontrolled']):.1f} %",
         ),
-        (
-            "closed loop over CAN, 4 sensors, int8 (one start)",
-            *_under(loop, names),
-            f"**{loop['reduction_percent']:.1f} %**",
-        ),
+        ("closed loop over CAN, 4 sensors, int8 (one start)", *_under(loop), f"**{loop['reduction_percent']:.1f} %**"),
         (
             f"{phases['facts']['bundle']}, mean of {starts} starts with 95 % confidence interval",
             *(spread["Cd_controlled"]["mean"], None, *(spread[name]["mean"] for name in averaged)),
@@ -99,7 +90,7 @@ def summary(demo: Any, openfoam: Any, sines: Any, phases: Any, roads: Any, drive
         (
             f"{openfoam['facts']['controller'].partition(' ')[0]} on OpenFOAM's icoFoam "
             f"(uncontrolled: {second['Cd_uncontrolled']:.3f}, one start)",
-            *_under(second, names),
+            *_under(second),
             f"{second['reduction_percent']:.1f} %",
         ),
         (
@@ -131,8 +122,11 @@ Mean Cl under control is {loop["mean_Cl_controlled"]:+.3f}. A control step takes
 """
 
 
-def _under(loop: Mapping[str, Any], names: tuple[str, ...]) -> tuple[float, ...]:
-    return (*(loop[f"{name}_controlled"] for name in names), loop["rms_action"], loop["jet_power_controlled"])
+_MEANS: Final = ("Cd", "base_Cp", "abs_Cl", "Cd_net")
+
+
+def _under(loop: Mapping[str, Any]) -> tuple[float, ...]:
+    return (*(loop[f"{name}_controlled"] for name in _MEANS), loop["rms_action"], loop["jet_power_controlled"])
 
 
 def demo(found: Any) -> str:
@@ -222,7 +216,6 @@ drive. Averages leave out the drive's first {facts["settle"]:g} t_c."""
 
 
 def _latched(troubles: list[str]) -> str:
-    """Return a text with the latched faults in the runs from all starts, each with the number of its occurrences."""
     faults = Counter(re.findall(r"ECU FAULT: (\w+)", " ".join(troubles)))
     return ", ".join(f"{name} ({count})" for name, count in faults.items())
 
@@ -268,8 +261,7 @@ which a fault latched. Control lasts {facts["controlled"]:g} t_c; averages are o
 
 
 def _in_control(row: Mapping[str, Any]) -> str:
-    """Return the percentage of periods in control, with the number of latched faults in brackets if there are any.
-    Without latched faults, 100 % is left out."""
+    """Return the percentage of periods in control, and latched faults in brackets; "" for 100 % without such faults."""
     share = _number(row["in_control_percent"], ".0f")
     return f"{share} ({row['latches']})" if row["latches"] else "" if share == "100" else share
 
@@ -331,15 +323,13 @@ def openfoam_loop(*loops: Any) -> str:
     rows, notes = [], []
     for found in loops:
         figures, facts = found["figures"], found["facts"]
-        rows.append(figures | {"case": facts["plant"]})
+        rows.append((facts["plant"], *(figures.get(name) for name in columns)))
         notes.append(
             f"- {facts['plant']}: {figures['controller']}, {found['date']};\n"
             f"  means of {figures['cycles_controlled']} shedding cycles, {facts['settle']:g} t_c after the request; "
             f"{figures['frames_lost']} of {figures['frames_sent']} frames lost."
         )
-    heads = ("closed loop", *columns.values())
-    cells = [(row["case"], *(row.get(name) for name in columns)) for row in rows]
-    return "\n".join([table(heads, cells), "", *notes])
+    return "\n".join([table(("closed loop", *columns.values()), rows), "", *notes])
 
 
 def openfoam_drive(*drives: Any) -> str:

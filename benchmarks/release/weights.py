@@ -2,10 +2,10 @@
 
     python -m benchmarks weights [--workers 2] [--json FILE]
 
-The runs use the mesh on which the prior was trained, CAN, and the ECU with the controller in int8. Each run has 15 t_c
-without control and 85 t_c with control; the last 50 t_c are averaged. Every case is run from three starts. One weight
-at a time gets seven values over the range of the prior's training. The other weights keep the release's values.
-Spearman's rank correlation states how consistently a larger weight has a larger effect.
+The runs use the mesh on which the prior was trained, CAN, and the controller in int8. Each run has 15 t_c without
+control and 85 t_c with control; the last 50 t_c are averaged. One weight at a time gets seven values over the range of
+the prior's training, from three starts each. Spearman's rank correlation states how consistently a larger weight has a
+larger effect.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from scipy.stats import spearmanr
 
-from benchmarks.common.command_line import LOOP, JsonFile, Parts, Workers, console, kept_runs, made_from, save
+from benchmarks.common.command_line import LOOP, JsonFile, Parts, Workers, console, kept_runs, made_from
 from benchmarks.release.release_drawings import means
 from benchmarks.release.release_loop import facts_of, run_from
 from contract.config.loading import load_config
@@ -27,13 +27,13 @@ from ecu.calibrating import release_calibration
 from firmware_sim.bench.simulation import Spans
 from firmware_sim.campaign.folder import phases_apart
 from firmware_sim.runs.summary import summary
+from stillwake.console.outputs import save_json
 from stillwake.parts.differentiable_wake import mesh_of
 from wake.plants import own_wake
 from wake.truck.state import save_state
 
 SPANS: Final = Spans(lead_in=15.0, controlled=85.0, settle=35.0)
 PHASES: Final = 3
-"""Number of starting phases in a shedding cycle."""
 SHARES: Final = (np.arange(7) / 6) ** 2
 """Values of a weight as shares of its largest value. They are equally spaced in the prior's input, which is the square
 root of the weight."""
@@ -43,7 +43,7 @@ EFFECTS: Final = {"lift": ("abs_Cl_controlled",), "effort": ("rms_action", "jet_
 
 
 class Case(NamedTuple):
-    """The data of one run: a weight, its value, and the starting phase in the shedding cycle."""
+    """The data of one run."""
 
     weight: str
     value: float
@@ -54,12 +54,8 @@ def main(json_file: JsonFile = None, parts: Parts = Path("runs/weights"), worker
     """Run the loop with every value of each weight from every start, and print the correlations."""
     release = bundles.load(BUNDLE)
     folder = started(parts / made_from(release.digest))
-    cases = [
-        Case(weight, float(round(share * dearest, 6)), phase)
-        for weight, dearest in DEAREST.items()
-        for share in SHARES
-        for phase in range(PHASES)
-    ]
+    values = ((name, float(round(share * dearest, 6))) for name, dearest in DEAREST.items() for share in SHARES)
+    cases = [Case(*value, phase) for value in values for phase in range(PHASES)]
     runs = {
         folder / f"{case.weight}_{case.value:g}_{case.phase}.json": (folder / f"start_{case.phase}.npz", case)
         for case in cases
@@ -69,7 +65,7 @@ def main(json_file: JsonFile = None, parts: Parts = Path("runs/weights"), worker
     figures = {"runs": rows, "spearman": _correlations(rows), "end_to_end": _end_to_end(rows)}
     console.print(figures["spearman"], figures["end_to_end"])
     mesh = mesh_of(load_config()).flow.refinement
-    save(json_file, figures=figures, facts=facts_of(release, SPANS, mesh=mesh))
+    save_json(json_file, figures=figures, facts=facts_of(release, SPANS, mesh=mesh))
 
 
 def started(folder: Path) -> Path:
@@ -96,8 +92,8 @@ def outcome(start: Path, case: Case) -> dict[str, Any]:
 
 
 def _correlations(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Return Spearman's rank correlation between each weight and its effect over all runs. For several effects, return
-    the smallest correlation. A correlation of 1 means that the figure always falls when the weight rises."""
+    """Return Spearman's rank correlation between each weight and its effect over all runs, for several effects the
+    smallest one. It is 1 if the figure always falls when the weight rises."""
     found = {}
     for weight, effects in EFFECTS.items():
         runs = [row for row in rows if row["weight"] == weight]

@@ -3,11 +3,10 @@
     python -m benchmarks.release.wrong_speeds OUTPUT --model MODEL
 
 The fitted prior receives a speed that is up to 10 % wrong or leaves out a gust. It must act as the original prior acts
-with the right speed. In the first round the original prior runs in closed loop with the right speed. The fit uses the
-actions of this run, and the run's inputs scaled with wrong speeds. In later rounds the fitted prior runs in closed loop
-with wrong speeds. The targets are the original prior's actions with the right speed or `BEST_TOLD` (dataset
-aggregation: Ross, Gordon and Bagnell, 2011). Each fit uses all rounds. At the design speed, if the speed is right, the
-prior stays the same. At last, the air speed's estimate is fitted to the fitted prior (`train.refinement.air_speed`).
+with the right speed or `BEST_TOLD`. In the first round the original prior runs in closed loop with the right speed, and
+its inputs are scaled with wrong speeds; in later rounds the fitted prior runs with wrong speeds (dataset aggregation:
+Ross, Gordon and Bagnell, 2011). Each fit uses all rounds. At the design speed, if the speed is right, the prior stays
+the same. At last, the air speed's estimate is fitted to the fitted prior (`train.refinement.air_speed`).
 """
 
 import argparse
@@ -41,8 +40,7 @@ SPEEDS: Final = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4)
 TOLD: Final = (0.9, 0.95, 1.0, 1.05, 1.1)
 """Ratios of the speed that the prior receives to the true speed."""
 BEST_TOLD: Final = {0.8: 0.95}
-"""The ratio, by true speed, with which the prior of `truck-wake-14` causes less drag than with the right speed. From
-two starts, Cd is 0.799 and 0.798 instead of 0.827 and 0.814."""
+"""The ratio, by true speed, with which the prior of `truck-wake-14` causes less drag than with the right speed."""
 GUST, GUST_PERIOD = 0.1, 100
 """Amplitude of the gusts in design speeds, and their period in control periods."""
 RAMP, PERIODS = 40, 600
@@ -90,9 +88,9 @@ def feedback_of(model: TrainedModel) -> Feedback:
 def demonstrations_of(
     run: tuple[Course, Sequence[Array]], *, model: TrainedModel, prior: Mapping[str, Array] | None, start: int
 ) -> list[Demonstration]:
-    """Run a course from the initial state with this number. Return the actions of the model's prior in the course's
-    states with the speed times `expert_told`. `run` has the course and, for each demonstration, the factors `told` of
-    its input. `prior` runs with `told` of the course; if it is None, the model's prior runs with `expert_told`."""
+    """Run a course from the initial state with this number; return the actions of the model's prior with `expert_told`
+    in its states. `run` has the course and, for each demonstration, the factors `told` of its input. `prior` runs with
+    `told` of the course; if it is None, the model's prior runs with `expert_told`."""
     course, ratios = run
     goal, expert = Goal.of(model.config.mpc.weights), feedback_of(model)
     with torch_threads(1), without_denormals():
@@ -107,32 +105,27 @@ def demonstrations_of(
     return found
 
 
-def withstand(model: TrainedModel, *, rounds: int = ROUNDS, workers: int = 2) -> TrainedModel:
+def withstand(model: TrainedModel) -> TrainedModel:
     """Return the model with a prior that tolerates wrong speeds. Raises PlantError if the flow diverges."""
     student, goal = feedback_of(model), Goal.of(model.config.mpc.weights)
     courses = [*(steady(speed, told) for speed in SPEEDS for told in TOLD), *map(gusty, SPEEDS[1:-1])]
     right = [(steady(speed, 1.0), [steady(speed, told).told for told in TOLD]) for speed in SPEEDS]
     right += [(course, [np.ones(len(course.told)), course.told]) for course in map(gusty, SPEEDS[1:-1])]
     wrong = [(course, [course.told]) for course in courses]
-    given, prior = list[Demonstration](), None
-    with process_pool(workers, None) as pool:
-        for number in range(rounds):
+    given, prior, tell = list[Demonstration](), None, make_console().print
+    with process_pool(2, None) as pool:
+        for number in range(ROUNDS):
             work = partial(demonstrations_of, model=model, prior=prior, start=number)
             given += [one for found in pool.map(work, wrong if number else right) for one in found]
-            fit(student, given, goal)
+            for faster, side in ((False, "below"), (True, "above")):
+                error, action = imitate(student, given, goal, faster=faster)
+                tell(f"{side} the design speed: rms error {error:.3f} of the limit, action {action:.3f}")
             prior = student.as_prior()
         model = replace(model, prior={**(model.prior or {}), **(prior or {})})
         found = pool.map(partial(seen_of, model=model), range(air_speed.RUNS))
         weights, error = air_speed.fit(list(found), student.pairs, seed=SEED)
-    make_console().print(f"estimate of the air speed: rms error {error:.4f}")
+    tell(f"estimate of the air speed: rms error {error:.4f}")
     return replace(model, prior={**(model.prior or {}), AIR_SPEED: weights})
-
-
-def fit(student: Feedback, given: Sequence[Demonstration], goal: Goal) -> None:
-    """Fit the student's prior to demonstrations on each side of the design speed, and print the errors."""
-    for faster, side in ((False, "below"), (True, "above")):
-        error, action = imitate(student, given, goal, faster=faster)
-        make_console().print(f"{side} the design speed: rms error {error:.3f} of the limit, action {action:.3f}")
 
 
 def seen_of(number: int, *, model: TrainedModel) -> tuple[Array, Array]:
@@ -153,7 +146,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("output", type=Path)
     parser.add_argument("--model", type=Path, required=True, help="model whose prior is fitted")
-    parser.add_argument("--rounds", type=int, default=ROUNDS, help="0: fit only the estimate of the air speed")
     given = parser.parse_args()
     model_folder.check_free(given.output)
-    model_store.save(given.output, withstand(model_store.load(given.model), rounds=given.rounds))
+    model_store.save(given.output, withstand(model_store.load(given.model)))

@@ -1,20 +1,20 @@
 """The generated pages of the site: the first page, a page for each group, and pages for Markdown outside `docs/`.
 
-Before Sphinx looks for its sources, the pages are written to `docs/generated` and `docs/index.markdown`, which git
-ignores. A page that has not changed is not written.
+The site's sections, groups and pages have the order of the lists in `docs/README.md`. Before Sphinx looks for its
+sources, the pages are written to `docs/generated` and `docs/index.markdown`, which git ignores. A page that has not
+changed is not written.
 """
 
 import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from sphinx.application import Sphinx
 from sphinx.config import Config
 
 from docs.made import PLACE, whole
-from docs.site.navigation import sections
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 DOCS: Final = ROOT / "docs"
@@ -26,6 +26,32 @@ _PICTURE: Final = re.compile(
     r'<picture>\s*<source media="\(prefers-color-scheme: light\)" srcset="([^"]+)">\s*'
     r'<img src="([^"]+)" alt="([^"]+)">\s*</picture>'
 )
+
+
+class Group(NamedTuple):
+    """A group of pages in a section: its heading ("" for pages that are directly in the section), the Markdown below
+    the heading, and the links in the group's lists, in the same order."""
+
+    name: str
+    text: str
+    pages: tuple[str, ...]
+
+
+def sections(readme: str) -> dict[str, list[Group]]:
+    """Return the groups of all sections that contain a list, by section. Only links in lists count as pages."""
+    found = {}
+    for section in re.split(r"^## ", readme, flags=re.MULTILINE)[1:]:
+        name, _, body = section.partition("\n")
+        texts = re.split(r"^### (.+)$", body, flags=re.MULTILINE)
+        made = (_group(*one) for one in zip(["", *texts[1::2]], texts[::2], strict=True))
+        if groups := [group for group in made if group.pages]:
+            found[name] = groups
+    return found
+
+
+def _group(name: str, text: str) -> Group:
+    lists = f"\n{text}".partition("\n- ")[2]
+    return Group(name, text.strip(), tuple(link for _, link in _LINK.findall(lists)))
 
 
 def outside() -> dict[Path, str]:
@@ -70,20 +96,20 @@ def pages() -> dict[Path, str]:
         made[target] = moved(path.read_text(encoding="utf-8"), path, target)
     readme = (DOCS / "README.md").read_text(encoding="utf-8")
     toctrees = [_toctree("Start", [f"Overview </{outside()[ROOT / 'README.md']}>"])]
-    for section in sections(readme):
+    for section, groups in sections(readme).items():
         entries = []
-        for group in section.groups:
+        for group in groups:
             names = [docname(Path(os.path.normpath(DOCS / page))) for page in group.pages]
             if group.name:
-                path = GENERATED / _slug(section.name) / f"{_slug(group.name)}.markdown"
+                path = GENERATED / _slug(section) / f"{_slug(group.name)}.markdown"
                 text = moved(group.text, DOCS / "README.md", path)
                 made[path] = f"# {group.name}\n\n{text}\n{_toctree('', names)}"
                 names = [docname(path)]
             entries += names
-        if section.name == "Reference":
+        if section == "Reference":
             entries.append("generated/api/index")
-        toctrees.append(_toctree(section.name, entries))
-        if section.name == "Tutorial":
+        toctrees.append(_toctree(section, entries))
+        if section == "Tutorial":
             gallery = ["generated/gallery/index"] if has_gallery() else []
             others = [name for path, name in outside().items() if path.parent != ROOT]
             toctrees.append(_toctree("Examples", gallery + others))

@@ -21,12 +21,13 @@ from typing import Annotated, Any, ClassVar, Final
 import typer
 from rich.table import Table
 
-from benchmarks.common.command_line import ROOT, JsonFile, console, made_from, save, track
+from benchmarks.common.command_line import ROOT, JsonFile, console, made_from, track
 from contract.atomic import replacing
 from contract.config.loading import load_config
 from contract.errors import StillwakeError
 from contract.results import machine, versions
 from contract.side_by_side import process_pool
+from stillwake.console.outputs import save_json
 from stillwake.parts.differentiable_wake import mesh_of
 from tests.proofs.command_line import main as run
 from tests.replay import judging
@@ -92,7 +93,7 @@ def main(
             "largest_change": max((one.largest for one in of_kind), default=0.0),
         }
     figures = {"drives": len(drives), "periods": periods, "by_ecu": by_ecu, **spent}
-    save(json_file, figures=figures, facts={**origin, "python_to_the_bit": is_same, "left_out_in_c": left})
+    save_json(json_file, figures=figures, facts={**origin, "python_to_the_bit": is_same, "left_out_in_c": left})
     console.print(f"{len(drives)} drives, {periods} periods in {spent['seconds']} s: {len(differing)} answers differ")
     if differing:
         judging.draw(differing, PARTS / "changed.png")

@@ -5,7 +5,6 @@ import re
 import shlex
 import shutil
 import subprocess
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -22,7 +21,6 @@ from contract.release.signing import read_private_key, read_public_key
 from ecu.in_c.c_ecu import ecu_sources
 from ecu.in_c.c_image import controller_image, read_packed
 from tests.conftest import STILLWAKE
-from tests.ecu.daemon.driving import PATIENCE_S
 from tests.ecu.in_c.exported import CONFIG, exported
 
 ROOT: Final = Path(__file__).resolve().parents[2]
@@ -43,28 +41,21 @@ def lines_of(page: str, heading: str = "") -> list[list[str]]:
 
 
 @contextmanager
-def ecu(arguments: list[str]) -> Iterator[None]:
-    """The page's other terminal, once the ECU runs."""
-    path = os.pathsep.join((str(ROOT), os.environ.get("PYTHONPATH", "")))
-    command = [*STILLWAKE, *arguments]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": path}) as popen:
-        assert popen.stderr is not None
-        said = popen.stderr
-        runs = threading.Event()
-
-        def listen() -> None:
-            for line in said:
-                if "runs ECU" in line:
-                    runs.set()
-
-        listener = threading.Thread(target=listen)
-        listener.start()
+def ecu(arguments: Sequence[str], place: Path, words: str) -> Iterator[None]:
+    """The page's other terminal, once the ECU says these words."""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), os.environ.get("PYTHONPATH", "")))}
+    command, log, until = [*STILLWAKE, *arguments], place / "ecu.log", time.monotonic() + 300.0
+    with (
+        log.open("w") as file,
+        subprocess.Popen(command, cwd=place, env=environment, stdout=file, stderr=file) as popen,
+    ):
         try:
-            assert runs.wait(PATIENCE_S)
+            while words not in log.read_text():
+                assert popen.poll() is None and time.monotonic() < until, log.read_text()
+                time.sleep(0.1)
             yield
         finally:
-            popen.kill()
-            listener.join(PATIENCE_S)
+            popen.terminate()
 
 
 def follow(cli, lines: list[list[str]]) -> list[str]:
@@ -72,7 +63,7 @@ def follow(cli, lines: list[list[str]]) -> list[str]:
     outputs: list[str] = []
     for number, line in enumerate(lines):
         if line[:2] == ["ecu", "--slots"]:
-            with ecu(line):
+            with ecu(line, Path.cwd(), "runs ECU"):
                 return outputs + follow(cli, lines[number + 1 :])
         outcome = cli(*line)
         assert outcome.code == 0, f"{shlex.join(line)}: {outcome.err}"
@@ -138,19 +129,8 @@ def test_the_page_leads_from_a_fresh_board_to_a_flashed_controller(frames, tmp_p
     def with_board(lines: Sequence[Sequence[str]]) -> list[str]:
         files = ("--mcu", "flash.bin", "--library", str(release.folder), "--root", "root/release.pub")
         board = ("ecu", str(release.bundle_path), *files)
-        log = tmp_path / "board.log"
-        with (
-            log.open("w") as file,
-            subprocess.Popen([*STILLWAKE, *board, *access, *bus], cwd=tmp_path, stdout=file, stderr=file) as ecu,
-        ):
-            try:
-                until = time.monotonic() + 300.0
-                while "running" not in log.read_text():
-                    assert ecu.poll() is None and time.monotonic() < until, log.read_text()
-                    time.sleep(0.2)
-                return [stillwake(*line, *bus, *access) for line in lines]
-            finally:
-                ecu.terminate()
+        with ecu((*board, *access, *bus), tmp_path, "running"):
+            return [stillwake(*line, *bus, *access) for line in lines]
 
     stillwake("keygen", "root")
     stillwake("keygen", "maker")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 from rich.box import SIMPLE_HEAD
-from rich.table import Table
+from rich.table import Column, Table
 
 from contract.atomic import replacing
 from contract.errors import BusError, ConfigError
@@ -102,23 +102,18 @@ def _frames(
         if not config.key:
             raise BusError(f"{name} is sent with an authentication code; give the key with --set bus.key=FILE")
         if trip is None:
-            raise ConfigError(
-                f"{name} is signed with a freshness value; give --trip, a number of power cycles larger than "
-                "any number used with the key"
-            )
+            larger = "a number of power cycles larger than any number used with the key"
+            raise ConfigError(f"{name} is signed with a freshness value; give --trip, {larger}")
     elif trip is not None:
         raise ConfigError(f"--trip {trip}: {name} has no freshness value; use a message ending in Secured")
     elif config.key:
-        raise ConfigError(
-            f"bus.key: {name} is sent without authentication; with a key, use a message ending in Secured"
-        )
+        remedy = "with a key, use a message ending in Secured"
+        raise ConfigError(f"bus.key: {name} is sent without authentication; {remedy}")
     last = profile_of(spec).counter_period - 1
     if counter > last:
         raise ConfigError(f"--counter {counter}: must be in 0..{last} for {name}")
-    sender = E2eSender(spec)
+    sender, key, freshness = E2eSender(spec), key_of(config.key), Freshness(trip=trip or 1)
     sender.state = SenderState(counter=counter)
-    key = key_of(config.key)
-    freshness = Freshness(trip=trip or 1)
 
     def made(now_s: float) -> "Frame":
         nonlocal freshness
@@ -234,12 +229,9 @@ def _print_summary(found: "Summary", log: "CanLog") -> None:
     # Times are counted from the first frame, so that the numbers are short and all columns fit into 80 characters.
     begin_ns = round((found.first_s or 0.0) * 1e9)
     several = len(found.busy_ns) > 1
-    table = Table(box=SIMPLE_HEAD, padding=0)
-    for name in (*(("channel",) if several else ()), "id", "message"):
-        table.add_column(name)
-    for name in ("frames", "rate, 1/s", "first, s", "last, s", "lost"):
-        table.add_column(name, justify="right")
-    table.add_column("checks")
+    numbers = (Column(name, justify="right") for name in ("frames", "rate, 1/s", "first, s", "last, s", "lost"))
+    words = ("channel", "id", "message") if several else ("id", "message")
+    table = Table(*words, *numbers, "checks", box=SIMPLE_HEAD, padding=0)
     for _, one in sorted(found.messages.items()):
         table.add_row(
             *((one.channel,) if several else ()),

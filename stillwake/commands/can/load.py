@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import typer
 from rich.box import SIMPLE_HEAD
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from contract.config.tree import Config
@@ -95,9 +95,9 @@ def _figures(one: "MessageLoad") -> dict[str, Any]:
 
 def _table(found: "BusLoad") -> Table:
     # A table without lines and edges, with one space between columns, fits into a terminal of 80 columns.
-    table = Table(title="worst cases in ms; messages of stillwake in bold", box=SIMPLE_HEAD, padding=0, show_edge=False)
-    for head in _HEADS:
-        table.add_column(head, justify="left" if head in ("message", "met") else "right")
+    heads = (Column(head, justify="left" if head in ("message", "met") else "right") for head in _HEADS)
+    title = "worst cases in ms; messages of stillwake in bold"
+    table = Table(*heads, title=title, box=SIMPLE_HEAD, padding=0, show_edge=False)
     for one in found.messages:
         message, response = one.message, one.response
         late = not response.in_time

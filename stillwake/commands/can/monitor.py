@@ -113,12 +113,8 @@ def _follow(
                 console.print(line(summary, now - begin))
             else:
                 live.update(table(now), refresh=True)
-        last = table(time.monotonic())
-        if live is None:
-            console.print(last)
-        else:
-            # `Live` draws its last content again when it ends, so the last content must be the whole table.
-            live.update(last)
+        # `Live` draws its last content again when it ends, so the last content must be the whole table.
+        (console.print if live is None else live.update)(table(time.monotonic()))
 
 
 def _hear(bus: "RawBus", summary: "Summary", wait_s: float) -> None:
@@ -133,8 +129,8 @@ def _hear(bus: "RawBus", summary: "Summary", wait_s: float) -> None:
 
 
 def screen(summary: "Summary", now_s: float, *, source: str, matching: str, width: int) -> RenderableType:
-    """Return the table with its heading. `now_s` is the present time in s, on the clock of the frames' time stamps;
-    `source` describes the bus or the log from which the frames come."""
+    """Return the table, at least 80 characters wide, with its heading. `now_s` is the present time in s, on the clock
+    of the frames' time stamps; `source` describes the bus or the log from which the frames come."""
     return Group(_heading(summary, matching, source), _table(summary, matching, round(now_s * 1e9), width))
 
 
@@ -167,7 +163,6 @@ def _heading(summary: "Summary", matching: str, source: str) -> Text:
 
 
 def _table(summary: "Summary", matching: str, now_ns: int, width: int) -> Table:
-    """Return a table, at least 80 characters wide, with a row for each message and each signal."""
     from can_bridge.bus.conversion import id_text
     from can_bridge.tools.traffic import rows
 
