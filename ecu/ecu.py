@@ -42,6 +42,7 @@ class Ecu:
     bus carries; ConfigError if only one of `bus.key` and `authentication` is given.
 
     Attributes:
+        state: the state after the latest step; `restore` replaces it.
         calibration: the calibrated values in force; at power-on, the values of the release and the vehicle.
     """
 
@@ -67,7 +68,7 @@ class Ecu:
         self._sensor_check = sensor_check_of(bundle, config)
         self._benefit_check = BenefitCheck.of(manifest, config.ecu.benefit_check)
         self._longest_gap = config.ecu.hold_periods + config.ecu.decay_periods
-        self._state = EcuState.power_on(
+        self.state = EcuState.power_on(
             window=manifest.window,
             sensors=len(manifest.sensors),
             horizon=manifest.mpc.horizon,
@@ -75,21 +76,17 @@ class Ecu:
             past=0 if manifest.speeds is None else manifest.past,
             speed=None if self._speed_reception is None else self._speed_reception.start,
         ).authenticated(authentication, self._messages)
-        self.restore(self._state)
+        self.restore(self.state)
         # The graph has the cost weights from its export, but the manifest of a renewed bundle has new weights.
         self.calibrate(release_calibration(bundle, config))
-
-    @property
-    def state(self) -> EcuState:
-        return self._state
 
     def restore(self, state: EcuState) -> None:
         """Continue from a state of an ECU with equal bundle, settings and calibration. Raises ValueError if the state's
         window, number of sensors, horizon or delay differs from this ECU."""
-        if (own := self._state.memory.sizes) != (found := state.memory.sizes):
+        if (own := self.state.memory.sizes) != (found := state.memory.sizes):
             right = f"this ECU has {own}; build the ECU from the same bundle, settings and calibration"
             raise ValueError(f"the state is of a controller with (window, sensors, horizon, delay) = {found}: {right}")
-        self._state = state
+        self.state = state
         mode, action = state.fail_safe.mode.on_wire, state.memory.under_way.newest
         self.trace = Trace(mode=mode, action=action, forces=None, interventions=Intervention(0))
 
@@ -101,7 +98,7 @@ class Ecu:
         self._config = with_calibration(self._own_config, calibration)
         # No bound may be wider than in the vehicle's settings, even if the check of the limits were wrong.
         self._limits = GateLimits.from_config(self._config).narrowed(self._own_limits)
-        self._state = replace(self._state, memory=self._state.memory.with_delay(self._config.ecu.frozen_actions))
+        self.state = replace(self.state, memory=self.state.memory.with_delay(self._config.ecu.frozen_actions))
 
     def step(
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
@@ -113,7 +110,7 @@ class Ecu:
             frames: all frames received since the last step, oldest first.
             health: health of the CAN controller, for the status and the check for bus-off.
         """
-        self._state, sent, self.trace = self.next(self._state, now_ns, frames, health, **around)
+        self.state, sent, self.trace = self.next(self.state, now_ns, frames, health, **around)
         return sent
 
     def next(
@@ -146,7 +143,7 @@ class Ecu:
 
     def status(self) -> EcuStatus:
         """Return the health counters after the latest step."""
-        return self._state.status(self._bundle_hash)
+        return self.state.status(self._bundle_hash)
 
     def _receive(
         self, state: EcuState, now_ns: int, frames: Sequence[Frame], health: BusHealth, around: Surroundings

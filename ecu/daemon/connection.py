@@ -95,21 +95,17 @@ class Connection:
         sent = True
         for frame in frames:
             with self._sending:
-                self.why_not_sent = self._not_sent(frame)
-                if self.why_not_sent:
+                # While the diagnosis thread sends, the control thread may find the bus lost, and set `_bus` to None.
+                read, why_not = self._bus, ""
+                try:
+                    if read is None:
+                        raise BusError("the bus is lost")
+                    read.bus.send(frame, timeout_s=SEND_TIMEOUT_S)
+                except BusError as error:
+                    why_not, sent = str(error), False
                     self.not_sent += 1
-                    sent = False
+                self.why_not_sent = why_not
         return sent
-
-    def _not_sent(self, frame: Frame) -> str:
-        # While the diagnosis thread sends, the control thread may find that the bus is lost, and set `_bus` to None.
-        if (read := self._bus) is None:
-            return "the bus is lost"
-        try:
-            read.bus.send(frame, timeout_s=SEND_TIMEOUT_S)
-        except BusError as error:
-            return str(error)
-        return ""
 
     def _lose(self, read: ReceiveThread) -> None:
         health = self.health()

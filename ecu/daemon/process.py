@@ -6,6 +6,7 @@ from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 from can_bridge.bus.backends.python_can import PythonCanBus
@@ -79,20 +80,6 @@ def authentication_of(config: Config, options: ProcessOptions) -> tuple[Freshnes
     return store, store.begin(key)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ServedEcu:
-    """An ECU and the other parts of its process. The thread that reads the bus passes each frame whose identifier is in
-    `hears` to the function for it. `beside` returns a context that is active while the bus is open."""
-
-    ecu: SteppedEcu
-    times: PlanTimes
-    name: str
-    line: str
-    fields: Mapping[str, str | int | float]
-    hears: Mapping[CanId, Callable[[Frame], None]] = field(default_factory=dict)
-    beside: Callable[[Connection, Reporter], AbstractContextManager[object]] = lambda *_: nullcontext()
-
-
 def check(config: Config, options: ProcessOptions) -> None:
     """Raise StillwakeError if the step offset is too long, or an output file cannot be written."""
     check_offset(config)
@@ -103,33 +90,47 @@ def check(config: Config, options: ProcessOptions) -> None:
         check_measurement(options.frames)
 
 
+def reporter_of(
+    config: Config, options: ProcessOptions, freshness: FreshnessStore | None, write: Callable[[str], object], name: str
+) -> Reporter:
+    """Return the thread for log, counters and freshness values, which `run` starts. `name` is the release's name."""
+    messages = message_set(config.bus)
+
+    def keep(counters: Counters) -> None:
+        if freshness is not None:
+            freshness.accepted(messages.pressure.spec.frame_id, counters.state.verifier.freshness)
+            freshness.accepted(messages.speed.spec.frame_id, counters.state.speed.verifier.freshness)
+
+    return Reporter(write, options.as_line, bundle=name, metrics=options.metrics, keep=keep)
+
+
 def run(
-    served: ServedEcu,
+    ecu: SteppedEcu,
+    times: PlanTimes,
+    reporter: Reporter,
     config: Config,
     options: ProcessOptions,
     *,
     is_stopped: Callable[[], bool],
-    write: Callable[[str], object],
-    freshness: FreshnessStore | None,
+    line: str,
+    fields: Mapping[str, str | int | float],
+    hears: Mapping[CanId, Callable[[Frame], None]] = MappingProxyType({}),
+    beside: Callable[[Connection], AbstractContextManager[object]] = nullcontext,
 ) -> Counters:
-    """Run the ECU until it is stopped; see `ecu.daemon.process.serve`."""
+    """Run an ECU until it is stopped; see `serve`. `line` and `fields` describe it in the log. The thread that reads
+    the bus passes each frame whose identifier is in `hears` to the function for it. `beside` returns a context that
+    is active while the bus is open."""
     messages = message_set(config.bus)
-    pressure, speed = messages.pressure.spec, messages.speed.spec
     reception = FrameReception(messages=messages, interface=config.bus.interface)
     stages = None if options.stage_times is None else StageTimes(EcuStage, options.periods or USUAL_PERIODS)
 
     def opened() -> PythonCanBus:
         # Frames of the other message sets are accepted too, so that the ECU can report a node with a wrong message set.
-        accept = [spec.frame_id for known in SETS for spec in known.specs] + list(served.hears)
+        accept = [spec.frame_id for known in SETS for spec in known.specs] + list(hears)
         return PythonCanBus.open(config.bus, accept=accept, keep=kept)
 
     def deliver(frame: Frame) -> None:
-        served.hears.get(frame.identifier, reception.put)(frame)
-
-    def keep(counters: Counters) -> None:
-        if freshness is not None:
-            freshness.accepted(pressure.frame_id, counters.state.verifier.freshness)
-            freshness.accepted(speed.frame_id, counters.state.speed.verifier.freshness)
+        hears.get(frame.identifier, reception.put)(frame)
 
     with ExitStack() as stack:
         # The log's thread starts before the process takes its privileges, so the log's thread does not get them.
@@ -138,12 +139,11 @@ def run(
         notifier = Notifier(options.environment, os.getpid())
         stack.callback(notifier.close)
         connection = stack.enter_context(Connection(opened, deliver))
-        reporter = Reporter(write, options.as_line, bundle=served.name, metrics=options.metrics, keep=keep)
         stack.enter_context(reporter)
 
-        def tell(event: str, line: str, **fields: str | int | float) -> None:
-            reporter.tell(event, line, **fields)
-            notifier.status(line)
+        def tell(event: str, text: str, **about: str | int | float) -> None:
+            reporter.tell(event, text, **about)
+            notifier.status(text)
 
         def after_step(now_ns: int, counters: Counters) -> None:
             reporter.counters = counters
@@ -152,8 +152,8 @@ def run(
             notifier.came_through(now_ns)
 
         loop = ControlLoop(
-            served.ecu,
-            served.times,
+            ecu,
+            times,
             connection,
             reception,
             config,
@@ -166,14 +166,14 @@ def run(
         period_ms = config.period_ns / 1e6
         tell(
             "runs",
-            f"{served.line} on {bus}, period {period_ms:g} ms; granted: {in_words(privileges)}",
-            **served.fields,
+            f"{line} on {bus}, period {period_ms:g} ms; granted: {in_words(privileges)}",
+            **fields,
             interface=config.bus.interface,
             channel=config.bus.channel,
             period_ms=period_ms,
             privileges=in_words(privileges),
         )
-        with served.beside(connection, reporter):
+        with beside(connection):
             try:
                 loop.run(is_stopped, options.periods)
             finally:
@@ -218,5 +218,5 @@ def serve(
     name, by = f"{release.manifest.name} {release.digest[:12]}", controller.description
     line = f"runs bundle {name} ({signature}) by {by}"
     fields = {"bundle": release.manifest.name, "digest": release.digest, "signature": signature, "controller": by}
-    served = ServedEcu(ecu=ecu, times=timed.times, name=name, line=line, fields=fields)
-    return run(served, config, options, is_stopped=is_stopped, write=write, freshness=freshness)
+    reporter = reporter_of(config, options, freshness, write, name)
+    return run(ecu, timed.times, reporter, config, options, is_stopped=is_stopped, line=line, fields=fields)

@@ -20,8 +20,8 @@ from contract.controller.interface import Controller
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from ecu.daemon.connection import Connection
-from ecu.daemon.process import WARM_UP_STEPS, ProcessOptions, ServedEcu, authentication_of, check, run
-from ecu.daemon.reporter import Counters, Reporter
+from ecu.daemon.process import WARM_UP_STEPS, ProcessOptions, authentication_of, check, reporter_of, run
+from ecu.daemon.reporter import Counters
 from ecu.flashable.ecu_folder import EcuFolder, held
 from ecu.flashable.equipment import Equipment
 from ecu.flashable.flashable_ecu import FlashableEcu
@@ -81,35 +81,6 @@ SWITCH_INTERVAL_S: Final = 0.0005
 """Longest time in s for which another thread can delay the waking of the control loop; Python's default is 5 ms."""
 NO_RELEASE: Final = "none"
 
-_Fields = str | int | float
-
-
-class _EarlyLog:
-    """A store for the events that occur before the log exists, and for the name of the booted `release`."""
-
-    def __init__(self) -> None:
-        self._early: list[tuple[str, str, dict[str, _Fields]]] = []
-        self._reporter: Reporter | None = None
-        self.release = NO_RELEASE
-
-    def tell(self, event: str, line: str, **fields: _Fields) -> None:
-        """Store or report an event, like `Equipment.log`."""
-        if event == "no_release":
-            self.release = NO_RELEASE
-        elif "digest" in fields:
-            self.release = f"{fields['release']} {str(fields['digest'])[:12]}"
-        if self._reporter is None:
-            self._early.append((event, line, fields))
-        else:
-            self._reporter.bundle = self.release
-            self._reporter.tell(event, line, **fields)
-
-    def begin(self, reporter: Reporter) -> None:
-        """Report the stored events now, and every later event when it occurs."""
-        self._reporter = reporter
-        for event, line, fields in self._early:
-            reporter.tell(event, line, **fields)
-
 
 def serve_store(
     folder: EcuFolder,
@@ -124,28 +95,37 @@ def serve_store(
     """Run the ECU like `ecu.daemon.process.serve`. Also raises StillwakeError if another process runs this ECU, or if a
     reset within the process failed; after a failed reset, a new process has to boot the ECU."""
     check(config, options)
-    times, log = PlanTimes(), _EarlyLog()
+    times = PlanTimes()
 
     def controller_of(release: Bundle) -> Controller:
         controller = OnnxController.of(release)
         controller.warm_up(WARM_UP_STEPS)
         return TimedController(controller, clock.now_ns, times)
 
-    equipment = Equipment(
-        root=folder.root,
-        access=access,
-        random_bytes=secrets.token_bytes,
-        hardware=folder.hardware,
-        serial=folder.serial,
-        software=software,
-        controller_of=controller_of,
-        log=log.tell,
-    )
     with ExitStack() as stack:
         stack.enter_context(held(folder.folder))
         stack.callback(sys.setswitchinterval, sys.getswitchinterval())
         sys.setswitchinterval(SWITCH_INTERVAL_S)
         freshness, authentication = authentication_of(config, options)
+        reporter = reporter_of(config, options, freshness, write, NO_RELEASE)
+
+        def log(event: str, line: str, **fields: str | int | float) -> None:
+            if event == "no_release":
+                reporter.bundle = NO_RELEASE
+            elif "digest" in fields:
+                reporter.bundle = f"{fields['release']} {str(fields['digest'])[:12]}"
+            reporter.tell(event, line, **fields)
+
+        equipment = Equipment(
+            root=folder.root,
+            access=access,
+            random_bytes=secrets.token_bytes,
+            hardware=folder.hardware,
+            serial=folder.serial,
+            software=software,
+            controller_of=controller_of,
+            log=log,
+        )
         ecu = FlashableEcu(FolderBacking(folder.folder), config, equipment, authentication=authentication)
         connections: list[Connection] = []
         fatal: list[BaseException] = []
@@ -156,28 +136,28 @@ def serve_store(
                 # No thread serves the tester any more, and an update ends only with a reset, so the process ends.
                 goes_on = "so the process ends"
                 fatal.append(error)
-            log.tell("diagnosis_ended", f"diagnosis ended, {goes_on}: {type(error).__name__}: {error}")
+            log("diagnosis_ended", f"diagnosis ended, {goes_on}: {type(error).__name__}: {error}")
 
         diagnosis = DiagnosisThread(ecu, lambda frames: [one.send(frames) for one in connections], failed)
 
         @contextmanager
-        def beside(connection: Connection, reporter: Reporter) -> Iterator[None]:
+        def beside(connection: Connection) -> Iterator[None]:
             connections.append(connection)
-            log.begin(reporter)
             with diagnosis:
                 yield
 
-        served = ServedEcu(
-            ecu=ecu,
-            times=times,
-            name=log.release,
-            line=f"runs ECU {folder.serial} ({folder.hardware}) from {folder.folder}, release {log.release},",
-            fields={"serial": folder.serial, "hardware": folder.hardware, "release": log.release},
+        counters = run(
+            ecu,
+            times,
+            reporter,
+            config,
+            options,
+            is_stopped=lambda: bool(fatal) or is_stopped(),
+            line=f"runs ECU {folder.serial} ({folder.hardware}) from {folder.folder}, release {reporter.bundle},",
+            fields={"serial": folder.serial, "hardware": folder.hardware, "release": reporter.bundle},
             hears=dict.fromkeys(config.bus.diagnosis.heard, diagnosis.put),
             beside=beside,
         )
-        ends = lambda: bool(fatal) or is_stopped()  # noqa: E731
-        counters = run(served, config, options, is_stopped=ends, write=write, freshness=freshness)
     if fatal:
         raise fatal[0]
     return counters

@@ -22,9 +22,8 @@ class _Timespec(ctypes.Structure):
     _fields_ = (("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long))
 
 
-def now_ns() -> int:
-    """Return the time of CLOCK_MONOTONIC in ns."""
-    return time.monotonic_ns()
+now_ns: Final = time.monotonic_ns
+"""Function that returns the time of CLOCK_MONOTONIC in ns."""
 
 
 def sleep_until(due_ns: int, *, spin_ns: int = 0) -> None:

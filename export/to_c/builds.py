@@ -4,7 +4,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
-from pathlib import PurePosixPath
 from typing import Final
 from xml.etree import ElementTree as Xml
 
@@ -20,8 +19,6 @@ PACK: Final = "stillwake.flow_controller.pdsc"
 """Name of the CMSIS-Pack's description file: vendor and name of the pack, as CMSIS prescribes."""
 _ABOUT: Final = "Learned controller of jets that cut the drag of a truck's wake: a control step, and the ECU around it"
 _HOME: Final = "https://pypi.org/project/stillwake"
-_APART: Final = ("board", "examples")
-"""Folders with programs that are not part of the library."""
 _CLASS: Final = "Flow control"
 _FLAGS: Final = ("-O2", "-ffp-contract=off")
 """Compiler flags with which C computes the same plans as the exporter, and the Python ECU's decisions, bit for bit."""
@@ -30,11 +27,12 @@ _IN_WORDS: Final = {
     "ecu": "the ECU around the control step: CAN frames in and out",
     "loader": "storage of releases on flash, and diagnosis, around the ECU",
 }
+"""The parts of a library; each part needs all parts before it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LibraryPart:
-    """A part of a library that a build may leave out: the control step, the ECU, or the sources in a subfolder.
+    """A part of a library that a build may leave out: the control step, the ECU, or the sources in the folder `loader`.
     `folder` is "." for the library's folder itself; `needs` has the names of the parts that this part needs."""
 
     name: str
@@ -43,35 +41,29 @@ class LibraryPart:
     sources: tuple[str, ...]
     headers: tuple[str, ...]
 
-    @property
-    def described(self) -> str:
-        return _IN_WORDS.get(self.name, f"{self.name}, around the ECU")
-
 
 def parts(files: Mapping[str, bytes]) -> tuple[LibraryPart, ...]:
     """Return the parts of a library from all files of its folder by their paths. Each part comes after the parts that
     it needs. Raises LibraryError if the library has no settings."""
     precision: WeightPrecision = "int8" if ProgramSettings.of(files).text("SW_PRECISION") == "int8" else "float32"
     step = {*library_sources(static_sources(precision)), PROGRAM_WEIGHTS, PROGRAM_SETTINGS}
-    names: dict[str, list[str]] = {"controller": [], "ecu": []}
+    names: dict[str, list[str]] = {name: [] for name in _IN_WORDS}
     for name in sorted(name for name in files if name.endswith((".c", ".h"))):
-        folder = PurePosixPath(name).parts[:-1]
         if name in step:
             names["controller"].append(name)
-        elif not folder and name in library_sources(files):
+        elif name in library_sources(files):
             names["ecu"].append(name)
-        elif folder and folder[0] not in _APART:
-            names.setdefault(folder[0], []).append(name)
-    below: dict[str, tuple[str, ...]] = {"controller": (), "ecu": ("controller",)}
+        elif name.startswith("loader/"):
+            names["loader"].append(name)
     return tuple(
         LibraryPart(
             name=name,
-            folder="." if name in below else name,
-            needs=below.get(name, ("controller", "ecu")),
+            folder="loader" if name == "loader" else ".",
+            needs=tuple(_IN_WORDS)[:place],
             sources=tuple(each for each in found if each.endswith(".c")),
             headers=tuple(each for each in found if each.endswith(".h")),
         )
-        for name, found in names.items()
+        for place, (name, found) in enumerate(names.items())
         if found
     )
 
@@ -98,9 +90,9 @@ def _cmake(found: tuple[LibraryPart, ...]) -> str:
 
 
 def _kconfig(found: tuple[LibraryPart, ...]) -> str:
-    text = f'menuconfig STILLWAKE\n\tbool "stillwake: {found[0].described}"\n\timply FPU\n\nif STILLWAKE\n'
+    text = f'menuconfig STILLWAKE\n\tbool "stillwake: {_IN_WORDS[found[0].name]}"\n\timply FPU\n\nif STILLWAKE\n'
     for part in found[1:]:
-        text += f'\nconfig STILLWAKE_{part.name.upper()}\n\tbool "{part.described}"\n'
+        text += f'\nconfig STILLWAKE_{part.name.upper()}\n\tbool "{_IN_WORDS[part.name]}"\n'
         needed = " && ".join(f"STILLWAKE_{name.upper()}" for name in part.needs[1:])
         text += f"\tdepends on {needed}\n" if needed else "\tdefault y\n"
     text += (
@@ -152,7 +144,7 @@ def _pack(found: tuple[LibraryPart, ...]) -> str:
             condition = Xml.SubElement(conditions, "condition", id=f"below {part.name}")
             for name in part.needs:
                 Xml.SubElement(condition, "require", Cclass=_CLASS, Cgroup=name)
-        Xml.SubElement(component, "description").text = part.described
+        Xml.SubElement(component, "description").text = _IN_WORDS[part.name]
         inside = Xml.SubElement(component, "files")
         for category, names in (("header", part.headers), ("sourceC", part.sources)):
             for name in names:

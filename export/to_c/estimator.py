@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from contract.controller import image_payload
-from contract.controller.c_folder import Numbers, generated_header, numbers_source
+from contract.controller.c_folder import generated_header, numbers_source
 from contract.controller.estimator import ESTIMATOR, REACH
 from contract.errors import ExportError
 from export.int8 import RoundedEstimator
@@ -28,8 +28,18 @@ def estimator_files(content: bytes) -> dict[str, bytes]:
     rounded = read_estimator(content)
     _check(rounded)
     found = numbers("sw_estimator_weights", _arrays(rounded), ALIGNMENTS["int8"])
+    window, width = rounded.network.window, len(rounded.network.layers[0][1])
+    definitions = {
+        "SW_ESTIMATOR_ROWS": window,
+        "SW_ESTIMATOR_WIDTH": width,
+        "SW_ESTIMATOR_LONGEST": max(window, width),
+        "SW_ESTIMATOR_ONE": ONE,
+        "SW_ESTIMATOR_LIMIT": int(REACH * ONE),
+        **found.settings("SW_ESTIMATOR"),
+    }
+    sizes = generated_header(SIZES, "the sizes of a release's sensor estimator", definitions)
     source = numbers_source("the numbers of a release's sensor estimator", ['"sw_ecu.h"'], {"sw_own_estimator": found})
-    return {SIZES: _sizes(rounded, found), NUMBERS: source, image_payload.ESTIMATOR_PART: found.packed()}
+    return {SIZES: sizes, NUMBERS: source, image_payload.ESTIMATOR_PART: found.packed()}
 
 
 def _check(rounded: RoundedEstimator) -> None:
@@ -46,19 +56,6 @@ def _check(rounded: RoundedEstimator) -> None:
         raise ExportError(
             f"{ESTIMATOR}: a layer has {max(inputs, width)} inputs; the C library accepts at most {FULL_RANGE_WIDTH}"
         )
-
-
-def _sizes(rounded: RoundedEstimator, found: Numbers) -> bytes:
-    network = rounded.network
-    definitions = {
-        "SW_ESTIMATOR_ROWS": network.window,
-        "SW_ESTIMATOR_WIDTH": len(network.layers[0][1]),
-        "SW_ESTIMATOR_LONGEST": max(network.window, len(network.layers[0][1])),
-        "SW_ESTIMATOR_ONE": ONE,
-        "SW_ESTIMATOR_LIMIT": int(REACH * ONE),
-        **found.settings("SW_ESTIMATOR"),
-    }
-    return generated_header(SIZES, "the sizes of a release's sensor estimator", definitions)
 
 
 def _arrays(rounded: RoundedEstimator) -> Mapping[str, ArrayValues]:

@@ -61,17 +61,25 @@ def fail(*_: object) -> None:
 def test_a_reset_that_fails_ends_the_process_so_that_another_one_boots(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Asked under identifiers of 29 bits, of which one is functional."""
     monkeypatch.setattr(FlashableEcu, "_reset", fail)
-    until, requests = time.monotonic() + PATIENCE_S, [b"\x02\x10\x02", b"\x02\x11\x01"]  # session, reset
+    ids = DiagnosisConfig(request_id="0x18DA5AF1", response_id="0x18DAF15A", functional_id="0x18DB33F1")
+    until, answers = time.monotonic() + PATIENCE_S, list[Frame]()
+    # A tester that is present, a session, a reset.
+    requests = [(ids.functional, b"\x02\x3e\x00"), (ids.request, b"\x02\x10\x02"), (ids.request, b"\x02\x11\x01")]
 
     def is_stopped(tester: PythonCanBus) -> bool:
         if requests:
-            tester.send(Frame(frame_id=REQUEST_ID, data=requests.pop(0).ljust(8, b"\xcc")))
+            to, request = requests.pop(0)
+            assert to is not None
+            tester.send(Frame(frame_id=to.number, is_extended=to.is_extended, data=request.ljust(8, b"\xcc")))
+        answers.extend(tester.receive_all())
         return time.monotonic() > until
 
     with pytest.raises(MediumError, match="does not answer"):
-        serve(tmp_path, is_stopped)
+        serve(tmp_path, is_stopped, ids)
     assert time.monotonic() < until
+    assert (answers[0].identifier, answers[0].data[:3]) == (ids.response, b"\x02\x7e\x00")
 
 
 def test_otherwise_the_control_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -85,24 +93,6 @@ def test_otherwise_the_control_goes_on(tmp_path: Path, monkeypatch: pytest.Monke
     lines = serve(tmp_path, is_stopped)
     assert len(periods) == 21
     assert any("control continues" in line for line in lines)
-
-
-def test_it_is_asked_under_identifiers_of_29_bits_and_by_a_functional_one(tmp_path: Path) -> None:
-    ids = DiagnosisConfig(request_id="0x18DA5AF1", response_id="0x18DAF15A", functional_id="0x18DB33F1")
-    until, answers = time.monotonic() + PATIENCE_S, list[Frame]()
-    requests = [(ids.functional, b"\x02\x7e\x00"), (ids.functional, b"\x02\x3e\x00"), (ids.request, b"\x02\x3e\x80")]
-
-    def is_stopped(tester: PythonCanBus) -> bool:
-        nonlocal requests
-        for to, request in requests:
-            assert to is not None
-            tester.send(Frame(frame_id=to.number, is_extended=to.is_extended, data=request.ljust(8, b"\xcc")))
-        requests = []
-        answers.extend(tester.receive_all())
-        return bool(answers) or time.monotonic() > until
-
-    serve(tmp_path, is_stopped, ids)
-    assert [(one.identifier, one.data[:3]) for one in answers] == [(ids.response, b"\x02\x7e\x00")]
 
 
 CONFIG = Config()

@@ -1,6 +1,5 @@
 """Authentication in C: AES and CMAC by the standards' answers and another library's; frames as in Python."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +12,6 @@ from hypothesis import strategies as st
 
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.securing import LARGEST_HALF, Authentication, Freshness, verify
-from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import SECURED
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.vehicle import BusConfig
@@ -102,44 +100,19 @@ def test_aes_and_cmac_are_another_librarys(crypto, key, block, message):
     assert crypto.cmac(key, message) == made.finalize()
 
 
-class Sender:
-    """A vehicle that authenticates, and whoever else can put frames on its bus."""
-
-    def __init__(self) -> None:
-        self.feed = Feed(KEYED, Authentication(key=Key(SECRET), trip=2))
-        self.forger = Feed(KEYED, Authentication(key=Key(bytes(range(16))), trip=2))
-        self.sent = list[Frame]()
-
-    def genuine(self) -> Frame:
-        self.sent.append(self.feed.frame())
-        return self.sent[-1]
-
-    def periods(self) -> Iterator[tuple[int, list[Frame]]]:
-        """(time, frames) of a bus under attack, a deed a period once the ECU is in control."""
-        for period in range(WINDOW + 16):
-            frames = [self.genuine()]
-            deed = period - WINDOW - 6
-            if deed == 0:
-                flipped = frames[0].data[:-1] + bytes([frames[0].data[-1] ^ 1])
-                frames = [replace(frames[0], data=flipped), *frames]
-            elif deed == 2:
-                frames += [self.forger.frame()]
-            elif deed == 4:
-                frames = [*self.sent[:5], *frames, frames[0]]
-            elif deed in (6, 7):
-                frames = self.sent[deed : deed + 1]  # in place of the genuine one
-            yield self.feed.now_ns, [replace(frame, timestamp_ns=self.feed.now_ns) for frame in frames]
-            self.feed.now_ns += CONFIG.period_ns
+def genuine() -> Feed:
+    """A vehicle that authenticates."""
+    return Feed(KEYED, Authentication(key=Key(SECRET), trip=2))
 
 
 def test_the_ecu_sends_and_remembers_what_the_python_ecu_does(release):
-    """Through the binding; `tests/proofs/ecu_in_c` compares both under every attack."""
+    """Through the binding; `tests/proofs/ecu_in_c` compares both under every attack: forged, old, repeated frames."""
     own = ecu_sources(release.folder, release.bundle, KEYED)
     assert not [name for name, text in own.items() if SECRET.hex().encode() in text or b"bus.key" in text]
     controller = CController(library_sources(own), release.bundle.manifest.sizes, flags=FLAGS)
     python = Ecu(release.bundle, controller, KEYED, authentication=Authentication(key=Key(SECRET)))
     c, seen = CEcu(own, flags=FLAGS, secret=SECRET), set()
-    for period, (now_ns, frames) in enumerate(Sender().periods()):
+    for period, (now_ns, frames) in enumerate(genuine().periods(WINDOW + 16, damaged=(WINDOW + 6, WINDOW + 8))):
         if period == WINDOW + 9:
             c.restore(python.state)
         sent = c.step(now_ns, frames)
@@ -150,7 +123,7 @@ def test_the_ecu_sends_and_remembers_what_the_python_ecu_does(release):
             assert verify(frame.data, spec, Key(SECRET)) == 1 << 32 | period
         seen.add((c.trace.mode, c.status().reason))
     assert {(Mode.CONTROL, Reason.NONE), (Mode.HOLD, Reason.NOT_AUTHENTIC)} <= seen
-    assert (c.state.verifier.not_authentic, c.state.verifier.not_fresh) == (2, 8)
+    assert (c.state.verifier.not_authentic, c.state.verifier.not_fresh) == (2, 0)
     # The last values of both halves stay, in C as in Python.
     ended = replace(python.state, freshness=Freshness(trip=LARGEST_HALF, count=LARGEST_HALF))
     for ecu in (c, python):
@@ -162,7 +135,7 @@ def test_the_ecu_sends_and_remembers_what_the_python_ecu_does(release):
 def test_before_power_off_it_shuts_the_jets_by_frames_that_are_accepted(release):
     """As `docs/how-to/integrate-the-ecu.md` says under "Safe states"."""
     c, now_ns = CEcu(ecu_sources(release.folder, release.bundle, KEYED), flags=FLAGS, secret=SECRET), 0
-    for now_ns, frames in Sender().periods():
+    for now_ns, frames in genuine().periods(WINDOW + 16):
         c.step(now_ns, frames)
     state, secoc, ffi = c.ecu.state, c.structs.ffi.buffer(c.structs.ffi.addressof(c.ecu, "secoc")), c.structs.ffi
     saved = bytes(secoc), bytes(ffi.buffer(ffi.addressof(state.freshness))), state.command_counter, state.status_counter
@@ -180,10 +153,8 @@ def test_before_power_off_it_shuts_the_jets_by_frames_that_are_accepted(release)
 
 def test_without_its_key_it_sends_nothing_and_believes_nothing(release, sources):
     own = ecu_sources(release.folder, release.bundle, KEYED)
-    mute, sender = CEcu(own, flags=FLAGS), Sender()
-    for _ in range(5):
-        assert mute.step(sender.feed.now_ns, [sender.genuine()]) == []
-        sender.feed.now_ns += CONFIG.period_ns
+    mute = CEcu(own, flags=FLAGS)
+    assert [mute.step(now_ns, frames) for now_ns, frames in genuine().periods(5)] == [[]] * 5
     assert mute.state.verifier.not_authentic == mute.state.frames_rejected == 5
     with pytest.raises(ConfigError, match=r"bus\.key: is a key of zeros"):
         CEcu(own, flags=FLAGS, secret=bytes(16))

@@ -85,17 +85,6 @@ def test_the_readmes_line_builds_an_example_that_answers_as_expected(folder):
     assert "fewer rows" in done(["./replay", RECORDED, EXPECTED], folder).stderr
 
 
-@pytest.mark.proofs  # a build of its own; that of the README stays
-@pytest.mark.compiler
-def test_cmake_builds_it_and_its_test_passes(folder):
-    if shutil.which("cmake") is None:
-        pytest.skip("cmake is not installed")
-    for command in (["cmake", "-B", "build"], ["cmake", "--build", "build"], ["ctest", "--test-dir", "build"]):
-        ran = done(command, folder)
-        assert ran.returncode == 0, ran.stdout + ran.stderr
-    assert "100% tests passed" in ran.stdout
-
-
 @pytest.mark.slow
 def test_the_documents_are_filled_in_with_the_program_and_the_compilers_sizes(folder):
     assert all((folder / name).is_file() for name in DOCUMENTS)

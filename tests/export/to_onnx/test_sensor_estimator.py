@@ -8,31 +8,23 @@ import pytest
 
 from contract.controller.estimator import REACH, EstimatorNetwork, views
 from contract.controller.interface import ControllerError, Sizes
-from contract.errors import BundleControllerError, ExportError
+from contract.errors import ExportError
 from contract.runtime.onnx_session import OnnxEstimator
 from export.int8 import rounded_estimator
 from export.release.judged import check_model
 from export.to_onnx.sensor_estimator import build_estimator, read_estimator
 from tests.contract.controller.test_estimator import random_network
 
-SIZES = Sizes(window=5, sensors=4, horizon=3)
-
 
 def built(network: EstimatorNetwork | None = None) -> onnx.ModelProto:
     return build_estimator(rounded_estimator(random_network() if network is None else network))
 
 
-def test_a_graph_of_other_sizes_is_refused():
-    content = built().SerializeToString()
-    assert check_model(content) == len(onnx.load_from_string(content).graph.node)
-    for sizes in (Sizes(window=6, sensors=4, horizon=3), Sizes(window=5, sensors=3, horizon=3)):
-        with pytest.raises(BundleControllerError, match=r"sensors\.onnx: 'window' has shape \[5, 5\]"):
-            OnnxEstimator(content, sizes)
-
-
 def test_onnx_runtime_and_numpy_estimate_the_same():
     rounded = rounded_estimator(random_network())
-    estimator, network = OnnxEstimator(build_estimator(rounded).SerializeToString(), SIZES), rounded.network
+    content, network = build_estimator(rounded).SerializeToString(), rounded.network
+    assert check_model(content) == len(onnx.load_from_string(content).graph.node)
+    estimator = OnnxEstimator(content, Sizes(window=5, sensors=4, horizon=3))
     window = np.random.default_rng(0).normal(size=(5, 5))
     at_the_end, beyond = window.copy(), window.copy()
     # One sensor alone: exchanged ones are judged by the others' ranges.
