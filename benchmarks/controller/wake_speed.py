@@ -55,7 +55,8 @@ def main(json_file: JsonFile = None) -> None:
         for _ in track(range(ROUNDS), "rounds", "rounds"):
             for wake, times in zip(plants, spent, strict=True):
                 _visit(wake, times)
-    rows = [{"precision": case[1], **_row(*each)} for case, *each in zip(cases, plants, spent, strict=True)]
+    timed = zip(cases, plants, spent, strict=True)
+    rows = [{"precision": precision, **_row(wake, times)} for (_, precision), wake, times in timed]
     report(json_file, rows, {"rounds": ROUNDS, "versions": versions("stillwake", "numpy", "numba")}, tables.steps)
 
 

@@ -8,7 +8,6 @@ import subprocess
 import sys
 from collections.abc import Iterable
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from unittest.mock import patch
 
@@ -26,7 +25,7 @@ from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.build import COMMON, Firmware, read_elf
 from tests.can_bridge.flashing.releases import keys
 from tests.ecu.in_c.exported import CONFIG, WINDOW, Feed
-from tests.ecu.in_c.test_secoc_in_c import KEYED, SECRET, Sender
+from tests.ecu.in_c.test_secoc_in_c import KEYED, SECRET, genuine
 from tests.firmware_sim.mcu.board_node import QUICK, BoardLine, Built
 
 pytestmark = pytest.mark.mcu
@@ -144,7 +143,7 @@ def test_with_a_key_it_sends_the_hosts_frames_and_its_battery_keeps_the_freshnes
     own = ecu_sources(release.folder, release.bundle, KEYED)
     board = BoardEcu(own, secret=SECRET)
     host = CEcu(own, compiler=zig_compiler(), flags=(*COMMON, "-march=native"), secret=SECRET)
-    for now_ns, frames in islice(Sender().periods(), WINDOW + 12):
+    for now_ns, frames in genuine().periods(WINDOW + 12):
         step_both(board, host, now_ns, frames, BusHealth())
         assert board.differing(host.state) == []
     heard = board.state.verifier.freshness
