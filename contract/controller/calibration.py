@@ -50,12 +50,12 @@ class Calibration:
     delay_steps: int
 
     def __post_init__(self) -> None:
-        rounded = {name: _kept(name, value) for name, value in zip(CALIBRATION_NAMES[:-1], self.values, strict=False)}
+        *weights, action_limit, command_step = map(_kept, CALIBRATION_NAMES, self.values[:-1])
         if not 0 <= self.delay_steps <= _MOST_STEPS:
             raise ConfigError(f"calibration: delay_steps = {self.delay_steps}: must be in 0..{_MOST_STEPS}")
-        object.__setattr__(self, "weights", CostWeights(**{name: rounded[name] for name in TERMS}))
-        object.__setattr__(self, "action_limit", rounded["action_limit"])
-        object.__setattr__(self, "command_step", rounded["command_step"])
+        object.__setattr__(self, "weights", CostWeights.of(weights))
+        object.__setattr__(self, "action_limit", action_limit)
+        object.__setattr__(self, "command_step", command_step)
 
     @property
     def values(self) -> tuple[float, ...]:
@@ -67,12 +67,8 @@ class Calibration:
         """Return a calibration with these `values`. Raises ConfigError for a value that does not fit into 4 bytes."""
         # `_kept` refuses a weight that is not finite, and states its name, before `CostWeights` is built.
         *weights, action_limit, command_step = map(_kept, CALIBRATION_NAMES, values[:-1])
-        return cls(
-            weights=CostWeights.of(weights),
-            action_limit=action_limit,
-            command_step=command_step,
-            delay_steps=int(values[-1]),
-        )
+        limits = {"action_limit": action_limit, "command_step": command_step}
+        return cls(weights=CostWeights.of(weights), **limits, delay_steps=int(values[-1]))
 
     def pack(self) -> bytes:
         """Pack the values little-endian: `delay_steps` as a 32-bit integer, all other values as float32."""

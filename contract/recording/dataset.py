@@ -125,7 +125,12 @@ def write(path: Path, dataset: Dataset) -> None:
     with h5py.File(image, "w", track_order=True) as file:
         file.attrs["schema"] = DATASET_SCHEMA
         file.attrs.update(dataset.plant.known)
-        _write_layout(file.create_group("layout", track_order=True), dataset.layout)
+        layout, mirror = file.create_group("layout", track_order=True), dataset.layout.mirror
+        layout.create_dataset("names", data=list(dataset.layout.names), dtype=h5py.string_dtype())
+        layout.create_dataset("positions", data=dataset.layout.positions).attrs["units"] = "W"
+        layout.create_dataset("base", data=dataset.layout.base.astype(np.int64))
+        if mirror is not None:
+            layout.create_dataset("mirror", data=mirror.astype(np.int64))
         group = file.create_group("episodes", track_order=True)
         for episode in dataset.episodes:
             _write_episode(group.create_group(episode.name), episode)
@@ -194,14 +199,6 @@ def _clock(episodes: tuple[Episode, ...]) -> PlantFacts:
     return PlantFacts()
 
 
-def _write_layout(node: h5py.Group, layout: SensorLayout) -> None:
-    node.create_dataset("names", data=list(layout.names), dtype=h5py.string_dtype())
-    node.create_dataset("positions", data=layout.positions).attrs["units"] = "W"
-    node.create_dataset("base", data=layout.base.astype(np.int64))
-    if layout.mirror is not None:
-        node.create_dataset("mirror", data=layout.mirror.astype(np.int64))
-
-
 def _read_layout(path: Path, file: h5py.File) -> SensorLayout:
     for name in ("layout", "layout/names", "layout/positions", "layout/base"):
         if name not in file:
@@ -262,16 +259,16 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
                 series[field] = array
         elif field in REQUIRED or schema != DATASET_SCHEMA:
             found.append(f"episode {name}: field {field!r} is missing")
-    attributes = {key: node.attrs[key] for key in _ATTRIBUTES if key in node.attrs}
-    lacking = [(key, meaning) for key, meaning in _ATTRIBUTES.items() if key not in attributes]
-    found += [f"episode {name}: attribute {key!r} is missing: {meaning}" for key, meaning in lacking]
+    for key, meaning in _ATTRIBUTES.items():
+        if key not in node.attrs:
+            found.append(f"episode {name}: attribute {key!r} is missing: {meaning}")
     initial_action, provenance = 0.0, {}
     try:
-        initial_action = float(attributes.get("initial_action", 0.0))
+        initial_action = float(node.attrs.get("initial_action", 0.0))
     except (TypeError, ValueError):
         found.append(f"episode {name}: attribute 'initial_action' is not a number")
     try:
-        provenance = json.loads(attributes.get("provenance", "{}"))
+        provenance = json.loads(node.attrs.get("provenance", "{}"))
     except (TypeError, ValueError):
         found.append(f"episode {name}: attribute 'provenance' is not JSON")
     if not isinstance(provenance, dict):
@@ -279,14 +276,14 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
     # A series that could not be read is already in the list, so the series is not also reported as missing.
     found += [
         line
-        for line in problems_of(name, attributes.get("role", "train"), series, initial_action)
+        for line in problems_of(name, node.attrs.get("role", "train"), series, initial_action)
         if not line.endswith(" is missing")
     ]
     problems += found
     if found:
         return None
     facts: dict[str, Any] = {"initial_action": initial_action, "provenance": provenance}
-    return Episode(name=name, role=attributes["role"], series=series, **facts)
+    return Episode(name=name, role=node.attrs["role"], series=series, **facts)
 
 
 def _read_series(name: str, field: str, stored: h5py.Dataset, problems: list[str]) -> Array | None:

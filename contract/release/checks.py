@@ -105,15 +105,14 @@ class Made:
                 raise
             return None
 
-    def need(self, name: str, make: Callable[[], _T], in_words: Callable[[_T], str] | None) -> _T:
-        """Compute a value that later checks need. An error ends the reading. Success needs `in_words` to be listed."""
+    def need(self, name: str, make: Callable[[], _T], in_words: Callable[[_T], str]) -> _T:
+        """Compute a value that later checks need. An error ends the reading."""
         try:
             value = make()
         except BundleError as error:
             self.checks.append(Check(name=name, error=error))
             raise
-        if in_words is not None:
-            self.checks.append(Check(name=name, found=in_words(value)))
+        self.checks.append(Check(name=name, found=in_words(value)))
         return value
 
 
@@ -127,7 +126,12 @@ def read_checked(
 ) -> Bundle:
     """Check a bundle's files and return the bundle. Raises BundleError for a check that fails (see `Made`)."""
     made = Made() if made is None else made
-    raw, signature, parts = made.need(MANIFEST, lambda: _taken_apart(path, contents), None)
+    parts = dict(contents)
+    raw, signature = parts.pop(MANIFEST, None), parts.pop(SIGNATURE, None)
+    if raw is None:
+        error = errors.BundleManifestError(f"bundle {path}: {MANIFEST} is missing")
+        made.checks.append(Check(name=MANIFEST, error=error))
+        raise error
 
     def signed_by(key: PublicKey | None) -> str:
         return UNSIGNED if key is None else f"good, by {'the trusted ' if trusted else ''}key {key.fingerprint}"
@@ -147,14 +151,6 @@ def read_checked(
         made.check("sensor graph", lambda: _verify_estimator(path, parts, is_stated=is_stated))
     trusts = trusted is not None
     return Bundle(manifest=manifest, files=parts, digest=opened.digest, signer=signer, is_trusted=trusts)
-
-
-def _taken_apart(path: Path, found: Mapping[str, bytes]) -> tuple[bytes, bytes | None, dict[str, bytes]]:
-    contents = dict(found)
-    raw, signature = contents.pop(MANIFEST, None), contents.pop(SIGNATURE, None)
-    if raw is None:
-        raise errors.BundleManifestError(f"bundle {path}: {MANIFEST} is missing")
-    return raw, signature, contents
 
 
 def _verify_signature(path: Path, raw: bytes, signature: bytes | None, trusted: Trusted) -> PublicKey | None:

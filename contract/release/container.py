@@ -83,7 +83,7 @@ def _collect(path: Path) -> dict[str, bytes]:
                 raise BundleContainerError(f"bundle {path}: {quoted(item.name)} {trouble}: must be a plain file")
             limit = MAX_BYTES_OF.get(item.name, MAX_BYTES)
             with _open_plain(path, item.name) as file:
-                content = _read_at_most(file, min(limit, left) + 1)
+                content = file.read(min(limit, left) + 1)  # a sparse file can have more bytes than the memory
             if len(content) > limit:
                 raise BundleContainerError(f"bundle {path}: {item.name} is too large: must have at most {limit} bytes")
             left -= len(content)
@@ -106,15 +106,6 @@ def _open_plain(path: Path, name: str) -> IO[bytes]:
         file.close()
         raise BundleContainerError(f"bundle {path}: {name!r} is not a plain file: must be a plain file")
     return file
-
-
-def _read_at_most(file: IO[bytes], most: int) -> bytes:
-    """Read up to `most` bytes in pieces, because a sparse file can state a size that exceeds the memory."""
-    pieces: list[bytes] = []
-    while most > 0 and (piece := file.read(min(most, 2**20))):
-        pieces.append(piece)
-        most -= len(piece)
-    return pieces[0] if len(pieces) == 1 else b"".join(pieces)
 
 
 def image_of(files: Mapping[str, bytes]) -> bytes:

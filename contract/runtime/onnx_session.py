@@ -40,16 +40,12 @@ class BoundedGraph:
     outputs: tuple[str, ...]
     optional: tuple[str, ...] = ()
 
-    def session(self) -> Any:
-        """Open an ONNX Runtime session. Raises BundleControllerError if the graph does not load or has wrong shapes."""
-        return self._opened(_options())
-
     def tried(self, limit_s: float) -> None:
         """Run one step of the graph in bounded time and memory. With optimisation, ONNX Runtime would compute constant
         expressions during loading, without bounds. Raises the errors of `session` and `run_on_zeros`."""
         options = _options()
         options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
-        self.run_on_zeros(self._opened(options), 1, limit_s)
+        self.run_on_zeros(self.session(options), 1, limit_s)
 
     def run_on_zeros(self, session: Any, steps: int, limit_s: float) -> None:
         """Run steps on zeros. Raises BundleControllerError if a step fails, takes too long or gives NaN or infinity."""
@@ -80,10 +76,11 @@ class BoundedGraph:
         finally:
             timer.cancel()
 
-    def _opened(self, options: Any) -> Any:
+    def session(self, options: Any = None) -> Any:
+        """Open an ONNX Runtime session. Raises BundleControllerError if the graph does not load or has wrong shapes."""
         try:
             session = onnxruntime.InferenceSession(
-                self.model, options, providers=["CPUExecutionProvider"], enable_fallback=False
+                self.model, options or _options(), providers=["CPUExecutionProvider"], enable_fallback=False
             )
             # ONNX Runtime lists inputs with a default separately. Reading a name fails if the name is no valid text.
             listed = (*session.get_inputs(), *session.get_outputs(), *session.get_overridable_initializers())

@@ -9,10 +9,6 @@ from contract.atomic import check_writable, replacing
 from contract.errors import StillwakeError
 
 
-def write_file(place: Path, text: str) -> None:
-    place.write_text(text)
-
-
 def write_directory(place: Path, text: str) -> None:
     place.mkdir()
     (place / "inside").write_text(text)
@@ -39,17 +35,8 @@ def test_interrupted_move_puts_the_old_directory_back(tmp_path, monkeypatch):
     assert [item.name for item in tmp_path.iterdir()] == ["target"]
 
 
-def test_a_place_that_can_be_written_is_left_as_it_was(tmp_path):
-    (tmp_path / "old").mkdir()
-    (tmp_path / "file").write_text("old")
-    for place, folder in (("file", False), ("old", True), ("new/deep/file", False), ("new/deep/folder", True)):
-        check_writable(tmp_path / place, folder=folder)
-    assert sorted(item.name for item in tmp_path.rglob("*")) == ["file", "old"]
-    assert (tmp_path / "file").read_text() == "old"
-
-
 def test_it_appears_whole_or_leaves_the_old_one_and_nothing_else(tmp_path):
-    for write in (write_file, write_directory):
+    for write in (Path.write_text, write_directory):
         target = tmp_path / write.__name__ / "target"
         for text in ("one", "two"):
             with replacing(target) as temporary:
@@ -68,10 +55,12 @@ def test_it_appears_whole_or_leaves_the_old_one_and_nothing_else(tmp_path):
     assert not (tmp_path / "new").exists()
 
 
-def test_a_place_that_cannot_be_written_is_refused_before_the_work(tmp_path, monkeypatch):
+def test_a_place_is_refused_before_the_work_or_left_as_it_was(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_text("in the way")
     (tmp_path / "folder").mkdir()
+    for place, is_folder in (("file", False), ("folder", True), ("new/deep/file", False), ("new/deep/folder", True)):
+        check_writable(tmp_path / place, folder=is_folder)
     for target, folder, reason in (
         ("folder", False, "it is a directory, must be a file"),
         ("file", True, "it is a file, must be a directory"),
@@ -81,12 +70,12 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(tmp_path, mon
         ("/proc/self/stillwake.npz", False, ""),
         ("/dev/null", False, "neither a file nor a directory"),
     ):
-        path = Path(target)
-        with pytest.raises(StillwakeError, match=f"^cannot write {re.escape(str(path))}: .*{reason}"):
-            check_writable(path, folder=folder)
+        with pytest.raises(StillwakeError, match=f"^cannot write {re.escape(target)}: .*{reason}"):
+            check_writable(Path(target), folder=folder)
         assert sorted(item.name for item in tmp_path.rglob("*")) == ["file", "folder"], target
     with pytest.raises(StillwakeError, match="file/target"), replacing(tmp_path / "file" / "target"):
         pytest.fail("nothing can be written here")
+    assert (tmp_path / "file").read_text() == "in the way"
 
 
 def mode(path: Path) -> int:
@@ -97,7 +86,7 @@ def test_what_a_link_leads_to_is_replaced_and_keeps_its_mode(tmp_path):
     """Also through a chain, through a folder on the way, and where there is nothing yet; the links stay."""
     before = os.umask(0o027)
     try:
-        for write, old_mode, new_mode in ((write_file, 0o604, 0o640), (write_directory, 0o705, 0o750)):
+        for write, old_mode, new_mode in ((Path.write_text, 0o604, 0o640), (write_directory, 0o705, 0o750)):
             place = tmp_path / write.__name__
             (place / "real").mkdir(parents=True)
             (place / "way").symlink_to("real")

@@ -19,7 +19,7 @@ FORCE_COLUMNS: Final = ("Cd", "Cl")
 class ForcesTable:
     """The forces of a table as time series: increasing times (n,), and `values` by the names in `FORCE_COLUMNS`, (n,)
     each. `names` has the names in the file, by the names "t", "Cd" and "Cl". `clock` is the clock of the times, if
-    their unit determines it. Raises DatasetError for times that do not increase, or a number that is not finite."""
+    their unit determines it. Raises DatasetError for times that do not increase."""
 
     path: Path
     names: Mapping[str, str]
@@ -28,10 +28,6 @@ class ForcesTable:
     clock: ForcesClock | None = None
 
     def __post_init__(self) -> None:
-        for name, array in {"t": self.t, **{self.names[name]: values for name, values in self.values.items()}}.items():
-            if not np.isfinite(array).all():
-                k = int(np.flatnonzero(~np.isfinite(array))[0])
-                raise DatasetError(f"{self.path}: {name!r} holds a value that is not finite, first at row {k}")
         first = self.names[FORCE_COLUMNS[0]]
         if len(self.t) < 2:
             raise DatasetError(f"{self.path}: {first!r} has {len(self.t)} rows, must have at least two")

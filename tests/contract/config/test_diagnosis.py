@@ -1,7 +1,7 @@
 """Identifiers of diagnosis: their notation, and those that are refused, against the DBC as cantools reads it."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import pytest
 from cantools.database import Database
@@ -13,10 +13,7 @@ from contract.config.loading import from_tree, load_config
 from contract.errors import ConfigError
 
 FIXED = {"request_id": "0x18DA5AF1", "response_id": "0x18DAF15A", "functional_id": "0x18DB33F1"}
-
-
-def ids(**given: Any) -> DiagnosisConfig:
-    return DiagnosisConfig(**given)
+IDS: Final[Any] = DiagnosisConfig  # a test gives values of any type
 
 
 def test_digits_tell_the_lengths_apart_on_the_command_line_and_in_a_file(tmp_path):
@@ -57,10 +54,10 @@ def test_what_is_no_identifier_is_refused_in_one_line():
     for value in values:
         for name in ("request_id", "functional_id", "xcp_response_id"):
             with pytest.raises(ConfigError, match=rf"^bus\.diagnosis\.{name} = [^\n]+: {notation}[^\n]*$"):
-                ids(**{name: value})
+                IDS(**{name: value})
     for name in ("request_id", "response_id"):
         with pytest.raises(ConfigError, match=notation):
-            ids(**{name: ""})
+            IDS(**{name: ""})
     for tree in ({"request_id": 2.5}, {"request_id": True}, {"request_id": ["0x7E1"]}):
         with pytest.raises(ConfigError, match=r"^bus\.diagnosis\.request_id = .*: must be a whole number or text$"):
             from_tree({"bus": {"diagnosis": tree}})
@@ -74,23 +71,20 @@ def test_one_that_is_taken_is_refused():
         for name in ("request_id", "functional_id", "xcp_command_id"):
             wanted = rf"\.{name} = '0x{message.frame_id:03X}': must be an identifier other than that of {message.name} "
             with pytest.raises(ConfigError, match=wanted):
-                ids(**{name: message.frame_id})
+                IDS(**{name: message.frame_id})
         # The same number with 29 bits is another identifier.
         DiagnosisConfig(request_id=f"0x{message.frame_id:08X}", response_id="0x18DAF15A")
-    for given in (
-        {"request_id": "0x7E8"},
-        {"response_id": "0x7D0"},
-        {"functional_id": "0x7E0"},
-        {"xcp_command_id": "0x7D8"},
-        {**FIXED, "functional_id": "0x18DA5AF1"},
+    taken, length = r"must be an identifier other than that of bus\.diagnosis\.\w+$", "must be (11|29) bits long, like"
+    for given, message in (
+        ({"request_id": "0x7E8"}, taken),
+        ({"response_id": "0x7D0"}, taken),
+        ({"functional_id": "0x7E0"}, taken),
+        ({"xcp_command_id": "0x7D8"}, taken),
+        ({**FIXED, "functional_id": "0x18DA5AF1"}, taken),
+        ({"request_id": "0x18DA5AF1"}, rf"\.response_id = .*: {length}"),
+        ({"functional_id": "0x18DB33F1"}, rf"\.functional_id = .*: {length}"),
+        ({**FIXED, "functional_id": "0x7DF"}, rf"\.functional_id = .*: {length}"),
+        ({"xcp_command_id": "0x00000700"}, rf"\.xcp_response_id = .*: {length}"),
     ):
-        with pytest.raises(ConfigError, match=r"must be an identifier other than that of bus\.diagnosis\.\w+$"):
-            ids(**given)
-    for given, name in (
-        ({"request_id": "0x18DA5AF1"}, "response_id"),
-        ({"functional_id": "0x18DB33F1"}, "functional_id"),
-        ({**FIXED, "functional_id": "0x7DF"}, "functional_id"),
-        ({"xcp_command_id": "0x00000700"}, "xcp_response_id"),
-    ):
-        with pytest.raises(ConfigError, match=rf"\.{name} = .*: must be (11|29) bits long, like bus\.diagnosis\.\w+"):
-            ids(**given)
+        with pytest.raises(ConfigError, match=message):
+            IDS(**given)

@@ -70,7 +70,7 @@ def test_facts_and_actions_that_follow_from_an_episode():
 
 def test_a_survey_names_everything_that_is_wrong_at_once(written):
     with h5py.File(written, "r+") as file:
-        for spoil in (NO_FIELD, without("episodes/a", "provenance"), WRONG_UNITS, NAN_IN_THE_MIDDLE):
+        for spoil in (NO_FIELD, NO_PROVENANCE, WRONG_UNITS, NAN_IN_THE_MIDDLE):
             spoil(file)
     rest, problems = dataset.survey(written)
     assert rest is not None and [item.name for item in rest.episodes] == ["b"]
@@ -99,16 +99,12 @@ def test_episode_that_does_not_fit_is_refused_by_name():
 Spoil = Callable[[h5py.File], object]
 
 
-def deleted(place: str) -> Spoil:
-    return lambda file: file.__delitem__(place)
+def deleted(place: str, attribute: str = "") -> Spoil:
+    return lambda file: (file[place].attrs if attribute else file).pop(attribute or place)
 
 
-def without(place: str, name: str) -> Spoil:
-    return lambda file: file[place].attrs.__delitem__(name)
-
-
-def with_attribute(place: str, name: str, value: object) -> Spoil:
-    return lambda file: file[place].attrs.__setitem__(name, value)
+def changed(place: str, **attributes: object) -> Spoil:
+    return lambda file: file[place].attrs.update(attributes)
 
 
 def virtual(file: h5py.File) -> None:
@@ -130,20 +126,21 @@ def stored(name: str, change: Callable[[Any], Any]) -> Spoil:
     return spoil
 
 
-NO_FIELD, WRONG_UNITS = deleted("episodes/a/Cl"), with_attribute("episodes/a/Uy_probe", "units", "m/s")
+NO_FIELD, NO_PROVENANCE = deleted("episodes/a/Cl"), deleted("episodes/a", "provenance")
+WRONG_UNITS = changed("episodes/a/Uy_probe", units="m/s")
 NAN_IN_THE_MIDDLE = stored("action", lambda values: np.where(np.arange(7) == 3, np.nan, values))
 SPOILT: list[tuple[Spoil, str]] = [
-    (with_attribute("/", "schema", "stillwake-dataset/4"), "schema 'stillwake-dataset/4'; this version reads"),
+    (changed("/", schema="stillwake-dataset/4"), "schema 'stillwake-dataset/4'; this version reads"),
     (lambda file: file["episodes"].clear(), "no episode"),
     (deleted("episodes"), "damaged"),
     (NO_FIELD, "episode a: field 'Cl' is missing"),
-    (without("episodes/a", "provenance"), "episode a: attribute 'provenance' is missing: a JSON object"),
+    (NO_PROVENANCE, "episode a: attribute 'provenance' is missing: a JSON object"),
     (deleted("layout/positions"), "'layout/positions' is missing"),
-    (with_attribute("/", "control_period", -0.2), "control_period = -0.2: must be positive"),
+    (changed("/", control_period=-0.2), "control_period = -0.2: must be positive"),
     (WRONG_UNITS, "field 'Uy_probe' is in 'm/s', must be in 'U_inf'"),
     (stored("Cp", lambda values: values[:, :4]), r"field 'Cp' has shape \(7, 4\), must be \(7, 90\)"),
     (NAN_IN_THE_MIDDLE, "episode a: field 'action' .* step 3"),
-    (with_attribute("episodes/a/Cd", "quantum", -0.1), "field 'Cd' is stored as int16 with quantum -0.1"),
+    (changed("episodes/a/Cd", quantum=-0.1), "field 'Cd' is stored as int16 with quantum -0.1"),
     (stored("Cd", lambda values: values.astype(np.int64)), "episode a: field 'Cd' is stored as int64"),
     # Read by h5py, a virtual array of itself is a segmentation fault.
     (virtual, "episodes/a/Cd is virtual or in another file: copy its numbers"),

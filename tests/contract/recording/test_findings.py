@@ -56,6 +56,11 @@ def with_first(data: Dataset, **changes: Any) -> Dataset:
     return replace(data, episodes=(replace(first, series={**first.series, **changes}), *others))
 
 
+def with_each(data: Dataset, change: Callable[[dict[str, Array]], dict[str, Array]]) -> Dataset:
+    changed = (replace(one, series={**one.series, **change(dict(one.series))}) for one in data.episodes)
+    return replace(data, episodes=tuple(changed))
+
+
 @pytest.mark.slow
 def test_a_sound_data_set_has_only_notes(sound):
     notes = findings(sound, CONFIG)
@@ -92,10 +97,7 @@ def test_times_and_actions_are_checked(sound):
 
 
 def test_a_constant_signal_is_named(sound):
-    def with_stuck(item: Episode) -> Episode:
-        return replace(item, series={**item.series, "Cp": np.where(np.arange(7) == 3, 0.25, item.series["Cp"])})
-
-    stuck = replace(sound, episodes=tuple(map(with_stuck, sound.episodes)))
+    stuck = with_each(sound, lambda d: {"Cp": np.where(np.arange(7) == 3, 0.25, d["Cp"])})
     assert [text[:44] for text in texts(stuck)] == ["sensor lid-left is constant at 0.25 in all t"]
 
 
@@ -132,10 +134,7 @@ def test_a_short_training_episode_is_left_out_by_name_and_only_all_of_them_stop_
 
 
 def test_what_export_needs_is_told_before_training(sound):
-    def cut(one: Episode) -> Episode:
-        return replace(one, series={name: values[:60] for name, values in one.series.items()})
-
-    short = replace(sound, episodes=tuple(map(cut, sound.episodes)))
+    short = with_each(sound, lambda d: {name: values[:60] for name, values in d.items()})
     assert texts(short) == []
     gate, calibration = texts(short, stops="export")
     assert gate.startswith("test episodes are too short") and "need 61" in gate
@@ -177,9 +176,7 @@ def test_slips_of_units_are_noted(sound):
     assert any("flow.action_limit should be about" in text for text in texts(percent, stops=None))
     period = 0.005 * sound.facts.control_period
     seconds = replace(
-        sound,
-        episodes=tuple(replace(item, series={**item.series, "t": 0.005 * item.series["t"]}) for item in sound.episodes),
-        facts=replace(sound.facts, control_period=period),
+        with_each(sound, lambda d: {"t": 0.005 * d["t"]}), facts=replace(sound.facts, control_period=period)
     )
     config = replace(CONFIG, flow=replace(CONFIG.flow, control_period=period))
     assert any("divide seconds by W / U_inf" in text for text in texts(seconds, config, stops=None))

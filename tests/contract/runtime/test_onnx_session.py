@@ -24,10 +24,9 @@ def release(random_release) -> Bundle:
 
 
 def test_the_controller_is_the_bundles_and_a_copy_computes_the_same_in_a_session_of_its_own(release):
-    controller = OnnxController.of(release)
+    controller, manifest = OnnxController.of(release), release.manifest
     controller.warm_up(1)
-    manifest = release.manifest
-    horizon = manifest.mpc.horizon
+    horizon, default = manifest.mpc.horizon, np.array(manifest.mpc.weights.as_tuple())
     window = np.zeros((manifest.window, 5))
     plan, committed = np.linspace(0.0, 0.07, horizon), np.zeros(horizon)
     held = controller.control_step(window, plan, committed)
@@ -37,6 +36,11 @@ def test_the_controller_is_the_bundles_and_a_copy_computes_the_same_in_a_session
     assert np.abs(free.plan).max() <= manifest.action_limit
     assert free.cost < held.cost
     assert free.forces.shape == (horizon, 2)
+    # Weights are optional, and their default is the manifest's. J is the weights times the terms, summed in float32.
+    given = controller.control_step(window, plan, np.ones(horizon), default)
+    np.testing.assert_array_equal(given.plan, free.plan)
+    assert free.cost == pytest.approx(float(default @ free.terms), rel=1e-5)
+    assert (controller.control_step(window, plan, np.ones(horizon), np.eye(8)[5]).plan != free.plan).any()
     for one in (copy.copy(controller), pickle.loads(pickle.dumps(controller))):
         assert one._session is not controller._session
         assert one.description == controller.description
@@ -54,26 +58,6 @@ def test_a_model_that_contradicts_its_manifest_is_refused(release):
         OnnxController.of(release).control_step(np.zeros((2, 2)), np.zeros(horizon), np.ones(horizon))
 
 
-def test_weights_are_optional_and_their_default_is_the_manifests(release):
-    controller, mpc = OnnxController.of(release), release.manifest.mpc
-    shapes = release.manifest.sizes.shapes()
-    window, plan, free = (np.full(shapes[name], value) for name, value in dict(window=0.1, plan=0.02, free=1.0).items())
-    default = controller.control_step(window, plan, free)
-    given = controller.control_step(window, plan, free, np.array(mpc.weights.as_tuple()))
-    np.testing.assert_array_equal(given.plan, default.plan)
-    # J is the weights times the terms, summed in float32.
-    assert default.cost == pytest.approx(float(np.array(mpc.weights.as_tuple()) @ default.terms), rel=1e-5)
-    assert (controller.control_step(window, plan, free, np.eye(8)[5]).plan != default.plan).any()
-
-
-def test_an_input_of_another_name_or_a_speed_of_another_shape_is_refused(release):
-    for name, message in (("tempo", r"failed on a window of zeros: .*'tempo'"), ("speed", r"'speed' has shape \[2\]")):
-        model = graphs.graph_of()
-        model.graph.input.append(graphs.value(name, (2,)))
-        with pytest.raises(BundleControllerError, match=message):
-            OnnxController.of(unchecked(release, model.SerializeToString()))
-
-
 def test_a_graph_without_end_is_stopped():
     controller = OnnxController(graphs.endless(), graphs.SIZES)
     with pytest.raises(BundleControllerError, match=r"0 of 3 steps on zeros were done after 0\.\d s: all .* in 0\.3 s"):
@@ -81,22 +65,35 @@ def test_a_graph_without_end_is_stopped():
     OnnxController(graphs.graph_of().SerializeToString(), graphs.SIZES).warm_up(3, limit_s=5.0)
 
 
-def unchecked(release: Bundle, model: bytes) -> Bundle:
-    """The release around another graph, which nobody judged."""
-    sizes = graphs.SIZES
-    mpc = replace(release.manifest.mpc, horizon=sizes.horizon)
-    scaling = replace(release.manifest.scaling, pressure_mean=(0.0,), pressure_std=(1.0,))
-    manifest = replace(
-        release.manifest, window=sizes.window, sensors=("base_0",), sensor_positions=None, mpc=mpc, scaling=scaling
-    )
-    return replace(release, manifest=manifest, files={"controller.onnx": model})
+def with_input(name: str) -> bytes:
+    model = graphs.graph_of()
+    model.graph.input.append(graphs.value(name, (2,)))
+    return model.SerializeToString()
 
 
-def test_constants_that_multiply_to_gigabytes_are_not_computed(release):
-    """The product would be computed while the graph loads, had no step shown before what it takes."""
+def with_square_of(number: float) -> bytes:
+    square = onnx.helper.make_node("Mul", ["bad", "bad"], ["worse"])
+    added = onnx.helper.make_node("Add", ["plan", "worse"], ["p"])
+    return graphs.graph_of([square, added], [graphs.constant("bad", number)], "p").SerializeToString()
+
+
+def test_a_graph_whose_first_step_fails_is_refused_and_takes_no_memory(release):
+    """A product of gigabytes would be computed while the graph loads, had no step shown before what it takes."""
+    sizes, shipped = graphs.SIZES, release.manifest
+    mpc = replace(shipped.mpc, horizon=sizes.horizon)
+    scaling = replace(shipped.scaling, pressure_mean=(0.0,), pressure_std=(1.0,))
+    one = {"sensors": ("base_0",), "sensor_positions": None}
+    manifest = replace(shipped, window=sizes.window, mpc=mpc, scaling=scaling, **one)
     resident = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with pytest.raises(BundleControllerError, match=r"controller\.onnx failed on a window of zeros"):
-        OnnxController.of(unchecked(release, graphs.enormous()))
+    for model, message in (
+        (with_input("tempo"), r"failed on a window of zeros: .*'tempo'"),
+        (with_input("speed"), r"'speed' has shape \[2\]"),
+        (graphs.enormous(), r"controller\.onnx failed on a window of zeros"),
+        (with_square_of(np.nan), "'new_plan' is not finite for a window of zeros"),
+        (with_square_of(3e38), "'new_plan' is not finite for a window of zeros"),  # its square is no float32
+    ):
+        with pytest.raises(BundleControllerError, match=message):
+            OnnxController.of(replace(release, manifest=manifest, files={"controller.onnx": model}))
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - resident < 400_000
 
 
@@ -109,16 +106,6 @@ def test_a_step_whose_memory_depends_on_its_data_fails_and_takes_none():
     with pytest.raises(ControllerError, match=r"controller\.onnx failed"):
         controller.control_step(window, plan, free)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - resident < 400_000
-
-
-def test_answers_that_are_not_finite_are_named(release):
-    """3e38 is a float32; its square is not."""
-    for bad in (np.nan, 3e38):
-        square = onnx.helper.make_node("Mul", ["bad", "bad"], ["worse"])
-        added = onnx.helper.make_node("Add", ["plan", "worse"], ["p"])
-        model = graphs.graph_of([square, added], [graphs.constant("bad", bad)], "p")
-        with pytest.raises(BundleControllerError, match="'new_plan' is not finite for a window of zeros"):
-            OnnxController.of(unchecked(release, model.SerializeToString()))
 
 
 def test_a_constant_in_the_working_directory_is_not_read(tmp_path, monkeypatch):
