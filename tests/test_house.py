@@ -19,11 +19,11 @@ MOST_MODULES = 15
 MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
-    "source": 56_610, "benchmarks": 4_183, "tests": 49_311, "own C": 15_700, "JavaScript": 2_774, "docs": 2_003,
+    "source": 55_747, "benchmarks": 3_999, "tests": 48_650, "own C": 15_700, "JavaScript": 2_774, "docs": 1_991,
     "examples": 1_920,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""
-MOST_WORDS = 63_980
+MOST_WORDS = 63_979
 """Of the documents, as wc counts them, with what is made in them."""
 STAND_TWICE = {
     "an option, by its word, beside the class or type of what it gives": """Board Bundle Bus Drive Freshness Key
