@@ -11,7 +11,7 @@ this noise. Noise on all sensors, which the controller tolerates, is therefore n
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -109,24 +109,6 @@ class SensorCheckState(ArrayValue):
         return 0 if self.set_aside is None else 1 << self.set_aside
 
 
-class ResidualLevels(NamedTuple):
-    """The levels of evidence for each hypothesis: mean squares of residuals relative to values of healthy sensors.
-
-    Attributes:
-        liar, bias: (S,) evidence that only this sensor reads wrongly: `liar` from fast, `bias` from slow means.
-        swap: (P,) evidence that the two sensors of this pair are exchanged.
-        doubt: disagreement of the sensors in use, divided by `ASIDE_ALLOWED` if one sensor is set aside.
-        drift: disagreement of the slow means, divided by `DRIFT_ALLOWED`, without the sensor that is set aside. If no
-            sensor is set aside, the sensor whose omission makes the others agree best is left out.
-    """
-
-    liar: Array
-    bias: Array
-    swap: Array
-    doubt: float
-    drift: float
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorCheck:
     """The check of one bundle's pressures.
@@ -195,17 +177,20 @@ class SensorCheck:
             state = replace(state, **verdict)
         return state, Reason.IMPLAUSIBLE if state.implausible else None
 
-    def levels(self, state: SensorCheckState) -> ResidualLevels:
-        """Return the levels of evidence that follow from a state's running means."""
-        sensors = len(state.readings)
+    def _evidence(self, state: SensorCheckState) -> tuple[Array, Array, float]:
+        """Return three levels of evidence: that only one sensor reads wrongly, (S,), as a share of its limits for fast
+        and slow means; that the two sensors of a pair are exchanged, (P,); and the disagreement of the sensors in use.
+        They are mean squares of residuals relative to values of healthy sensors. The disagreement of slow means leaves
+        out the sensor that is set aside, or else the sensor whose omission makes the others agree best."""
+        config, sensors, aside = self.config, len(state.readings), state.set_aside
         slow = np.square(state.slow) / (np.square(self.slow) + state.noise / (2 * SLOW_PERIODS - 1))
         (alone, others), (slow_alone, slow_others) = _split(state.score, sensors), _split(slow, sensors)
-        aside = state.set_aside
         doubt = alone.mean() if aside is None else others[aside] / ASIDE_ALLOWED
         drift = slow_others.min() if aside is None else slow_others[aside]
         liar, bias = alone / (1.0 + others), slow_alone / (1.0 + slow_others)
         swap = alone.mean() / (1.0 + state.score[sensors:].mean(axis=1))
-        return ResidualLevels(liar=liar, bias=bias, swap=swap, doubt=float(doubt), drift=float(drift) / DRIFT_ALLOWED)
+        alone_wrong = np.maximum(liar / config.liar_level, bias / config.bias_level)
+        return alone_wrong, swap, max(float(doubt), float(drift) / DRIFT_ALLOWED)
 
     def _averaged(self, state: SensorCheckState, residual: Array) -> dict[str, Any]:
         before = np.where(np.isnan(state.residual), residual, state.residual)
@@ -230,20 +215,16 @@ class SensorCheck:
 
     def _verdict(self, state: SensorCheckState, window: Array, *, full: bool) -> dict[str, Any]:
         """Return new values of `set_aside`, `doubt` and `implausible`; `full` states that the window is full."""
-        config, levels = self.config, self.levels(state)
+        config, (alone_wrong, swap, disagreement) = self.config, self._evidence(state)
         flat = np.flatnonzero(state.flat >= config.flat_periods)
         others_flat = [j for j in flat if j != state.set_aside]
         set_aside = state.set_aside
         if set_aside is None and len(others_flat) == 1 and self._others_move(int(others_flat[0]), window):
             set_aside, others_flat = int(others_flat[0]), []
-        elif set_aside is None:
-            evidence = np.maximum(levels.liar / config.liar_level, levels.bias / config.bias_level)
-            if evidence.max() >= 1.0:
-                set_aside = int(evidence.argmax())
+        elif set_aside is None and alone_wrong.max() >= 1.0:
+            set_aside = int(alone_wrong.argmax())
         newly = set_aside != state.set_aside
-        doubted = max(levels.doubt, levels.drift) >= config.doubt_level
-        if set_aside is None:
-            doubted = doubted or bool(levels.swap.max() >= config.swap_level)
+        doubted = disagreement >= config.doubt_level or (set_aside is None and swap.max() >= config.swap_level)
         if others_flat or (full and self._any_alike(window, set_aside)):
             doubt = config.doubt_periods
         elif newly:
