@@ -79,7 +79,6 @@ def fetch(repository: str, state: Path, root: bytes, *, vehicle: str, hardware: 
     if bundle.digest != custom.get("digest"):
         raise StillwakeError(f"{place}: contains bundle {bundle.digest[:12]}, which is not the published bundle")
     check_replaceable(to)
-    to.parent.mkdir(parents=True, exist_ok=True)
     write_files(to, files)
     return bundle
 
