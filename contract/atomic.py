@@ -5,7 +5,7 @@ import os
 import re
 import shutil
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
@@ -108,6 +108,16 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
         with suppress(OSError):
             for folder in missing:
                 folder.rmdir()
+
+
+def write_files(folder: Path, contents: Mapping[str, bytes]) -> None:
+    """Write or replace a folder with files by name, completely or not at all. A name may include one subfolder. Raises
+    StillwakeError if the folder cannot be written."""
+    with replacing(folder) as temporary:
+        temporary.mkdir()
+        for name, content in contents.items():
+            (temporary / name).parent.mkdir(exist_ok=True)
+            (temporary / name).write_bytes(content)
 
 
 def _take_after(new: Path, old: Path) -> None:

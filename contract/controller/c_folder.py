@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from contract.atomic import replacing
+from contract.atomic import write_files
 from contract.errors import LibraryError
 from contract.printable import quoted, shown
 
@@ -184,11 +184,7 @@ def write_folder(folder: Path, contents: Mapping[str, bytes]) -> None:
     """Write a library's folder, completely or not at all. A file's name may include one subfolder. Raises LibraryError
     if the folder is neither empty nor a library; StillwakeError if the folder cannot be written."""
     check_replaceable(folder)
-    with replacing(folder) as temporary:
-        temporary.mkdir()
-        for name, content in contents.items():
-            (temporary / name).parent.mkdir(exist_ok=True)
-            (temporary / name).write_bytes(content)
+    write_files(folder, contents)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

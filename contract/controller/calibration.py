@@ -67,8 +67,12 @@ class Calibration:
         """Return a calibration with these `values`. Raises ConfigError for a value that does not fit into 4 bytes."""
         # `_kept` refuses a weight that is not finite, and states its name, before `CostWeights` is built.
         *weights, action_limit, command_step = map(_kept, CALIBRATION_NAMES, values[:-1])
-        limits = {"action_limit": action_limit, "command_step": command_step}
-        return cls(weights=CostWeights.of(weights), **limits, delay_steps=int(values[-1]))
+        return cls(
+            weights=CostWeights.of(weights),
+            action_limit=action_limit,
+            command_step=command_step,
+            delay_steps=int(values[-1]),
+        )
 
     def pack(self) -> bytes:
         """Pack the values little-endian: `delay_steps` as a 32-bit integer, all other values as float32."""

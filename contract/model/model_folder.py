@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from contract.atomic import replacing
+from contract.atomic import write_files
 from contract.config.loading import from_tree, to_tree
 from contract.config.tree import Config
 from contract.errors import ConfigError, ModelError, StillwakeError
@@ -145,11 +145,8 @@ def write(path: Path, description: Description, tensors: Tensors) -> None:
         },
         _HASH: hashlib.sha256(weights).hexdigest(),
     }
-    with replacing(path) as temporary:
-        temporary.mkdir()
-        (temporary / MODEL_WEIGHTS).write_bytes(weights)
-        text = json.dumps(body, indent=2, allow_nan=False) + "\n"
-        (temporary / DESCRIPTION).write_text(text, encoding="utf-8")
+    text = json.dumps(body, indent=2, allow_nan=False) + "\n"
+    write_files(path, {MODEL_WEIGHTS: weights, DESCRIPTION: text.encode()})
 
 
 def read_description(path: Path) -> dict[str, Any]:

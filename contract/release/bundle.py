@@ -16,11 +16,12 @@ from typing import Any
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
+from contract.atomic import write_files
 from contract.controller.estimator import ESTIMATOR
 from contract.errors import BundleError, BundleFileError
 from contract.release import signing
 from contract.release.checks import SIGNATURE, Bundle, Check, Made, dbc_sha256, read_checked, sha256
-from contract.release.container import is_plain_name, read_files, write_files
+from contract.release.container import is_plain_name, read_files
 from contract.release.manifest import MANIFEST, Manifest, SensorEstimator, SpeedRange, encode
 from contract.release.signing import PublicKey
 

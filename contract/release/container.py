@@ -1,8 +1,7 @@
 """The two containers of a bundle's files: a directory, and an image for transfers. A boot loader in C can read an image
 without a library. A microcontroller has another image (`contract.release.controller_image`).
 
-A bundle may come from anyone. So the readers accept only plain names, follow no links, and limit sizes. The writer of a
-directory writes all files or none. An image has
+A bundle may come from anyone. So the readers accept only plain names, follow no links, and limit sizes. An image has
 
     0   8  "SWIMAGE1"
     8   4  length of the whole image
@@ -22,7 +21,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Final
 
-from contract.atomic import replacing
 from contract.errors import BundleContainerError
 from contract.printable import is_name, quoted, shown
 
@@ -56,14 +54,6 @@ def read_files(path: Path) -> dict[str, bytes]:
     except OSError as error:
         raise BundleContainerError(f"bundle {path}: cannot be read ({error.strerror or shown(error)})") from error
     raise BundleContainerError(f"bundle {path}: no such directory")
-
-
-def write_files(path: Path, contents: Mapping[str, bytes]) -> None:
-    """Write a directory, or replace an existing directory. Raises StillwakeError if the directory cannot be written."""
-    with replacing(path) as temporary:
-        temporary.mkdir()
-        for name, data in contents.items():
-            (temporary / name).write_bytes(data)
 
 
 def _collect(path: Path) -> dict[str, bytes]:

@@ -23,10 +23,11 @@ from tuf.api.exceptions import DownloadError, DownloadHTTPError, RepositoryError
 from tuf.ngclient.fetcher import FetcherInterface
 from tuf.ngclient.updater import Updater
 
+from contract.atomic import write_files
 from contract.errors import StillwakeError
 from contract.release.bundle import check_replaceable
 from contract.release.checks import Bundle, read_checked
-from contract.release.container import files_of, write_files
+from contract.release.container import files_of
 
 BINS: Final = 100
 _CHUNK: Final = 2**16
@@ -78,7 +79,6 @@ def fetch(repository: str, state: Path, root: bytes, *, vehicle: str, hardware: 
     if bundle.digest != custom.get("digest"):
         raise StillwakeError(f"{place}: contains bundle {bundle.digest[:12]}, which is not the published bundle")
     check_replaceable(to)
-    to.parent.mkdir(parents=True, exist_ok=True)
     write_files(to, files)
     return bundle
 

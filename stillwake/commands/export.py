@@ -11,6 +11,7 @@ import typer
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from can_bridge.wire.messages import SENSORS
+from contract.atomic import write_files
 from contract.config.loading import from_tree
 from contract.config.tree import Config
 from contract.controller.c_folder import PROGRAM_SETTINGS, read_recorded, read_sources
@@ -18,7 +19,7 @@ from contract.errors import ConfigError, ConflictError, ModelError, OutputError,
 from contract.model import model_folder
 from contract.release import bundle as bundles
 from contract.release.checks import Bundle
-from contract.release.container import read_files, write_files
+from contract.release.container import read_files
 from contract.release.controller_image import FORMATS, name_bytes
 from contract.release.signing import public_key, read_private_key
 from contract.shipped import recording

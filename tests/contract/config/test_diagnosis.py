@@ -75,7 +75,7 @@ def test_one_that_is_taken_is_refused():
         # The same number with 29 bits is another identifier.
         DiagnosisConfig(request_id=f"0x{message.frame_id:08X}", response_id="0x18DAF15A")
     taken, length = r"must be an identifier other than that of bus\.diagnosis\.\w+$", "must be (11|29) bits long, like"
-    for given, text in (
+    for given, wanted in (
         ({"request_id": "0x7E8"}, taken),
         ({"response_id": "0x7D0"}, taken),
         ({"functional_id": "0x7E0"}, taken),
@@ -86,5 +86,5 @@ def test_one_that_is_taken_is_refused():
         ({**FIXED, "functional_id": "0x7DF"}, rf"\.functional_id = .*: {length}"),
         ({"xcp_command_id": "0x00000700"}, rf"\.xcp_response_id = .*: {length}"),
     ):
-        with pytest.raises(ConfigError, match=text):
+        with pytest.raises(ConfigError, match=wanted):
             IDS(**given)
