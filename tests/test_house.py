@@ -19,7 +19,7 @@ MOST_MODULES = 15
 MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
-    "source": 55_727, "benchmarks": 3_999, "tests": 48_650, "own C": 15_700, "JavaScript": 2_774, "docs": 1_991,
+    "source": 55_727, "benchmarks": 3_999, "tests": 48_668, "own C": 15_700, "JavaScript": 2_774, "docs": 1_991,
     "examples": 1_920,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""

@@ -226,6 +226,24 @@ def test_the_slope_is_the_reference_adjoints():
     expected = gradient(program, z, plans, 0.0)
     # Float64 on both sides; the two differ in the order of sums.
     assert np.allclose(slope.numpy() / program.scaling.action_std, expected, rtol=1e-9, atol=1e-12)
-    # A student learns its slope: torch differentiates it by the weights where it is asked to.
-    assert not slope.requires_grad
-    assert plan_slope(forces, actions, by_force, differentiable=True).requires_grad
+
+
+def test_the_slope_is_differentiable_by_the_weights():
+    predictor, _ = _with_program()
+    weight = predictor.dynamics.output.weight
+    actions = torch.linspace(-1.0, 1.0, HORIZON, dtype=torch.float64)[None].requires_grad_(True)
+    latent = torch.ones(1, 3, dtype=torch.float64)
+    by_force = torch.ones(HORIZON, 1, 2, dtype=torch.float64)
+
+    def first_slope(*, differentiable: bool) -> torch.Tensor:
+        _, forces = predict(predictor, latent, actions)
+        return plan_slope(forces, actions, by_force, differentiable=differentiable)[0, 0]
+
+    (found,) = torch.autograd.grad(first_slope(differentiable=True), weight)
+    step, values = 1e-6, []
+    for moved in (step, -2.0 * step):
+        with torch.no_grad():
+            weight[0, 0] += moved
+        values.append(first_slope(differentiable=False).item())
+    # Central difference: its own error is near 1e-10 here.
+    assert abs((values[0] - values[1]) / (2.0 * step) - found[0, 0].item()) < 1e-7
